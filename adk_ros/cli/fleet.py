@@ -99,6 +99,7 @@ def _print_summary(stage: Stage, summary: RunSummary, out: Path) -> None:
         failed = ", ".join(f"{count} {kind}" for kind, count in summary.failures.items())
         text += f"; failed: {failed} ('adk fleet report {out}' says why)"
     console.output.print(text, markup=False)
+    console.note_all(summary.notes)
     console.note(f"results in {out / 'results'}")
 
 

@@ -207,6 +207,7 @@ def _show(found: FleetMismatch) -> None:
         console.note(
             f"no vehicle is named (fleet.csv): {len(recordings)} recordings count as as many cars"
         )
+    console.note_all(found.notes)
     if found.left:
         console.note(f"--limit: {found.left} recordings are not analysed")
     for name, reason in found.failed:

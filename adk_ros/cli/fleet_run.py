@@ -15,6 +15,7 @@ def print_estimate(estimate: dict[str, Any], as_json: bool, further: str = "") -
         console.print_json(estimate)
     else:
         console.output.print(_estimate_text(estimate) + further, markup=False)
+        console.note_all(estimate["notes"])
 
 
 def _estimate_text(estimate: dict[str, Any]) -> str:

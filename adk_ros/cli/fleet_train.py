@@ -127,6 +127,7 @@ def train(
         f"{fleet['windows']} windows; validated on {', '.join(vehicles['validation'])}, scored on "
         f"{', '.join(vehicles['test'])}"
     )
+    console.note_all(fleet["notes"])
     unused = list(fleet["recordings_not_used"].items())
     for name, reason in unused[:_SHOWN]:
         console.note(f"not used: {name}: {reason}")

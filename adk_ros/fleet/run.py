@@ -56,7 +56,8 @@ class RunSummary:
     What a run did.
 
     `total` recordings, of which `reused` had a result; `computed` in `seconds`, of which
-    `failures` by kind; `left`: not processed because of the limit on their number.
+    `failures` by kind; `left`: not processed because of the limit on their number. `notes` to the
+    user.
     """
 
     total: int
@@ -66,6 +67,7 @@ class RunSummary:
     failures: dict[str, int]
     left: int = 0
     memory_mib: float = 0.0
+    notes: tuple[str, ...] = ()
 
 
 def run_stage(

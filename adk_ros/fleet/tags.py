@@ -8,7 +8,7 @@ import csv
 import io
 import os
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime, timezone
 from functools import partial
@@ -35,6 +35,20 @@ class Tags:
     vehicle: str = ""
     time_s: float | None = None
     conditions: Mapping[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class TagTable:
+    """
+    What a table says about recordings.
+
+    `path` or URL, "" for none. `tags`: name of recording -> its tags, of those that it lists.
+    `notes`: how many rows match no recording, and how many recordings have no row.
+    """
+
+    path: str = ""
+    tags: Mapping[str, Tags] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
 
 
 def tags_beside(given: Sequence[str]) -> str | None:
@@ -73,9 +87,9 @@ def _is_file(uri: str) -> bool:
         raise UsageError(f"{uri} cannot be read: {error.strerror or error}") from None
 
 
-def read_tags(path: Path | str, recordings: Sequence[FleetRecording]) -> dict[str, Tags]:
+def read_tags(path: Path | str, recordings: Sequence[FleetRecording]) -> TagTable:
     """
-    Return name of recording -> its tags; recordings that the file does not list have none.
+    Return the tags of recordings; recordings that the file does not list have none.
 
     Columns recording, vehicle and time (ISO 8601; without an offset UTC), then any others.
     `recording` is the name of a recording or its path below the folder of the table, with or
@@ -83,7 +97,7 @@ def read_tags(path: Path | str, recordings: Sequence[FleetRecording]) -> dict[st
 
     :param path: on the disk, or URL.
     :raises UsageError: the file cannot be read, a column or value is missing or wrong, a recording
-        is listed twice or does not exist; the message names line and column.
+        is listed twice, or none is listed; the message names line and column.
     :raises StoreUnreachable: its store does not answer.
     """
     known = {recording.name: recording.name for recording in recordings}
@@ -92,10 +106,78 @@ def read_tags(path: Path | str, recordings: Sequence[FleetRecording]) -> dict[st
         # Of a glob with several wildcards, names are shorter than paths below its folder.
         if (place := recording.uri.rpartition("://")[2]).startswith(folder):
             known.setdefault(place.removeprefix(folder), recording.name)
-    for name in list(known):
-        known.setdefault(name.rpartition(".")[0], known[name])
+    _add_without_ending(known)
     tags: dict[str, Tags] = {}
     unknown = []
+    for number, given, read in _rows(path):
+        name = known.get(given)
+        if name is None:
+            unknown.append(f"{given} (line {number})")
+        elif name in tags:
+            raise UsageError(f"{path}:{number}: {name} is listed twice")
+        else:
+            tags[name] = read()
+    if unknown and not tags:
+        raise UsageError(
+            f"{path}: lists none of the recordings; it has {_named(unknown)}, there are "
+            f"{_named(list(known))}"
+        )
+    without = [recording.name for recording in recordings if recording.name not in tags]
+    notes = []
+    if unknown:
+        count = f"{len(unknown)} of {len(unknown) + len(tags)} rows"
+        notes.append(f"{path}: {count} match no recording: {_named(unknown)}")
+    if without:
+        count = f"{len(without)} of {len(recordings)} recordings"
+        notes.append(f"{path}: {count} have no row: {_named(without)}")
+    return TagTable(str(path), tags, tuple(notes))
+
+
+def stored_tags(path: Path, names: Sequence[str]) -> dict[str, Tags]:
+    """
+    Return name -> tags, of those of these recordings that a table with all earlier ones lists.
+
+    :raises UsageError: as `read_tags`, but for recordings that are not listed, or twice.
+    """
+    known = {name: name for name in names}
+    _add_without_ending(known)
+    tags: dict[str, Tags] = {}
+    for _, given, read in _rows(path):
+        name = known.get(given)
+        if name is not None and (given == name or name not in tags):
+            tags[name] = read()
+    return tags
+
+
+def merge_tags(path: Path, tags: Mapping[str, Tags]) -> None:
+    """
+    Add tags of recordings to a table, instead of those that it has of them.
+
+    :raises UsageError: the table cannot be read or written.
+    """
+    before = {given: read() for _, given, read in _rows(path)} if path.is_file() else {}
+    if (after := before | dict(tags)) != before:
+        write_tags(path, after)
+
+
+def _add_without_ending(known: dict[str, str]) -> None:
+    """Add the names without the endings of their files, where no other recording has them."""
+    for name in list(known):
+        known.setdefault(name.rpartition(".")[0], known[name])
+
+
+def _named(names: Sequence[str]) -> str:
+    """Return the first names."""
+    shown = ", ".join(names[:_MAX_NAMED])
+    return f"{shown}, ..." if len(names) > _MAX_NAMED else shown
+
+
+def _rows(path: Path | str) -> Iterator[tuple[int, str, Callable[[], Tags]]]:
+    """
+    Yield of each row its line number, the recording as it is given, and what reads its tags.
+
+    :raises UsageError: as `read_tags`, as the readers of tags.
+    """
     try:
         with io.StringIO(_content(path).decode("utf-8-sig"), newline="") as file:
             reader = csv.DictReader(file, skipinitialspace=True)
@@ -106,23 +188,11 @@ def read_tags(path: Path | str, recordings: Sequence[FleetRecording]) -> dict[st
                 where = f"{path}:{reader.line_num}"
                 if len(row) != len(names) or any(value is None for value in row.values()):
                     raise UsageError(f"{where}: {len(names)} columns expected")
-                listed = known.get(row["recording"].strip().strip("/"))
-                if listed is None:
-                    unknown.append(f"{row['recording']} (line {reader.line_num})")
-                    continue
-                if listed in tags:
-                    raise UsageError(f"{where}: {listed} is listed twice")
-                tags[listed] = _tags(where, row, names)
+                given = row["recording"].strip().strip("/")
+                yield reader.line_num, given, partial(_tags, where, row, names)
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         reason = getattr(error, "strerror", None) or str(error)
         raise UsageError(f"{path} cannot be read: {reason}") from None
-    if unknown and not tags:
-        shown = ", ".join(unknown[:_MAX_NAMED])
-        raise UsageError(
-            f"{path}: lists none of the recordings; it has {shown}, there are "
-            f"{', '.join(list(known)[:_MAX_NAMED])}"
-        )
-    return tags
 
 
 def _content(path: Path | str) -> bytes:

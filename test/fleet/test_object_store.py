@@ -68,13 +68,13 @@ def test_recordings_of_a_bucket(store, tmp_path) -> None:
 @pytest.mark.slow(seconds=10)
 def test_tags_of_a_bucket(store) -> None:
     options = FleetOptions()
-    assert listed_recordings(["s3://fleet/drives"], options)[1] == {}
+    assert listed_recordings(["s3://fleet/drives"], options)[1].tags == {}
     table = b"recording,vehicle,time,rain\ncar/b,car 1,,yes\na.mcap,car 2,,no\n"
     boto3.client("s3").put_object(Bucket="fleet", Key="drives/fleet.csv", Body=table)
-    _, tags = listed_recordings(["s3://fleet/drives"], options)
-    assert tags["car/b.mcap"] == Tags("car 1", None, {"rain": "yes"})
-    _, tags = listed_recordings(["s3://fleet/drives/*/*.mcap"], options)
-    assert {name: each.vehicle for name, each in tags.items()} == {"b.mcap": "car 1"}
+    _, table = listed_recordings(["s3://fleet/drives"], options)
+    assert table.tags["car/b.mcap"] == Tags("car 1", None, {"rain": "yes"})
+    _, table = listed_recordings(["s3://fleet/drives/*/*.mcap"], options)
+    assert {name: each.vehicle for name, each in table.tags.items()} == {"b.mcap": "car 1"}
 
 
 @pytest.mark.slow(seconds=15)

@@ -148,12 +148,12 @@ car/a.mcap,car 2,,no,
 
 def test_tags(drives, tmp_path) -> None:
     found = find_recordings([str(drives)])
-    tags = read_tags(touch(tmp_path / "fleet.csv", TABLE), found)
+    tags = read_tags(touch(tmp_path / "fleet.csv", TABLE), found).tags
     assert tags["town"] == Tags("car 1", 1772359200.0, {"rain": "no", "tyres": "summer"})
     assert tags["old.bag"].time_s == 1772442000.0
     assert tags["car/a.mcap"].time_s is None
     write_tags(tmp_path / "again.csv", tags)
-    assert read_tags(tmp_path / "again.csv", found) == tags
+    assert read_tags(tmp_path / "again.csv", found).tags == tags
 
 
 def test_tags_beside_a_glob(drives, tmp_path, monkeypatch) -> None:
@@ -175,7 +175,7 @@ def test_a_table_names_paths_below_its_folder(drives) -> None:
     path = touch(drives / "fleet.csv", TABLE)
     found = find_recordings([str(drives / "*" / "a.*"), str(drives / "town")])
     assert [each.name for each in found] == ["a.mcap", "town"]
-    tags = read_tags(path, found)
+    tags = read_tags(path, found).tags
     assert {name: each.vehicle for name, each in tags.items()} == {
         "a.mcap": "car 2", "town": "car 1"
     }  # fmt: skip
@@ -193,7 +193,7 @@ def test_tags_in_a_store() -> None:
     ):
         path = tags_beside([given])
         assert path == "memory://tagged/drives/fleet.csv"
-        tags = read_tags(path, find_recordings([given]))
+        tags = read_tags(path, find_recordings([given])).tags
         assert {name: each.vehicle for name, each in tags.items()} == expected
     assert tags_beside(["memory://tagged"]) is None
     system.pipe("/tagged/fleet.csv", b"recording,vehicle\n")

@@ -11,7 +11,7 @@ again at the estimate, at which a quadratic summary is more exact.
 from __future__ import annotations
 
 import json
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from contextlib import ExitStack, nullcontext
 from dataclasses import dataclass, replace
 from functools import cache
@@ -24,9 +24,9 @@ from adk_ros.api.fleet.fleet_run import (
     FleetOptions,
     check_options,
     chosen_recordings,
+    keep_tags,
     listed_recordings,
     tags_file,
-    write_tags_of,
 )
 from adk_ros.api.fleet.identified_simulation import identified_simulation
 from adk_ros.api.fleet.index_stage import file_hash
@@ -58,13 +58,15 @@ class FleetMismatch:
     """
     Result of a fleet, the page that was written, and the recordings without evidence.
 
-    `left`: number of recordings that were not chosen because of a limit.
+    `left`: number of recordings that were not chosen because of a limit. `notes`: what does not
+    match in fleet.csv.
     """
 
     result: FleetResult
     page: Path
     failed: tuple[tuple[str, str], ...]
     left: int = 0
+    notes: tuple[str, ...] = ()
 
     @property
     def summary(self) -> str:
@@ -115,7 +117,7 @@ def fleet_mismatch(
     if not simulation.exists():
         raise UsageError(f"--simulation {simulation} does not exist")
     reading = recording_options or RecordingOptions()
-    listed, tags = listed_recordings(recordings, options)
+    listed, table = listed_recordings(recordings, options)
     found = chosen_recordings(listed, options.limits.count)
     limits = replace(options.limits, count=None)
     with run_lock(out):
@@ -123,6 +125,7 @@ def fleet_mismatch(
             (out / REPORT / RECORDINGS).mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise UsageError(f"{out} cannot be written: {error.strerror or error}") from None
+        keep_tags(out, table)
         # Workers of other machines run in other folders.
         shared = out.resolve()
         path = identified_simulation(
@@ -153,7 +156,7 @@ def fleet_mismatch(
                 return evidence_of(out, stage, usable)
 
             analysis = analyse_fleet(
-                evidence_at, known, lambda rows: recording_tags(rows, tags), report
+                evidence_at, known, lambda rows: recording_tags(rows, table.tags), report
             )
             worst = {x.name for x in analysis.result.worst(reports)}
             surrogate = shared / REPORT / "simulation.yaml"
@@ -163,7 +166,6 @@ def fleet_mismatch(
             forget_lost_files(out, stage.name, folder, "report")
             shown = [recording for recording in found if recording.name in worst]
             run_stage(stage, shown, out, lambda: nullcontext(cluster()), limits, progress)
-        write_tags_of(out, tags)
         failed = tuple(sorted(analysis.failed.items()))
         models = corrected_models(analysis.result, known.surrogate)
         links = _links(out, stage, worst)
@@ -178,7 +180,8 @@ def fleet_mismatch(
             models=models,
             failed=failed,
         )
-        return FleetMismatch(analysis.result, page, failed, len(listed) - len(found))
+        left = len(listed) - len(found)
+        return FleetMismatch(analysis.result, page, failed, left, table.notes)
 
 
 def _links(out: Path, stage: ReportStage, names: Collection[str]) -> dict[str, str]:
@@ -204,7 +207,7 @@ def evidence_of(
     return rows, failed
 
 
-def recording_tags(rows: Sequence[Row], tags: dict[str, Tags]) -> dict[str, RecordingTags]:
+def recording_tags(rows: Sequence[Row], tags: Mapping[str, Tags]) -> dict[str, RecordingTags]:
     """
     Return name of recording -> car, day and tags.
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from hashlib import sha256
 from pathlib import Path
@@ -20,7 +20,7 @@ from adk_ros.fleet.recordings import FleetRecording, find_recordings
 from adk_ros.fleet.run import Limits, Progress, RunSummary, run_stage
 from adk_ros.fleet.run_lock import run_lock
 from adk_ros.fleet.stage import Stage, version_of
-from adk_ros.fleet.tags import TAGS_FILE, Tags, read_tags, tags_beside, write_tags
+from adk_ros.fleet.tags import TAGS_FILE, TagTable, merge_tags, read_tags, tags_beside
 
 
 def available_cores() -> int:
@@ -50,7 +50,8 @@ class FleetEstimate:
 
     `total` recordings, of which `reused` have a result and `missing` do not; `unhashed` of these
     are new. `seconds`: expected duration with `workers`, None without a rate. `basis`: where the
-    rate comes from: `measured` recordings of this stage in the dataset, or a default.
+    rate comes from: `measured` recordings of this stage in the dataset, or a default. `notes`:
+    what does not match in fleet.csv.
     """
 
     stage: str
@@ -63,6 +64,7 @@ class FleetEstimate:
     seconds: float | None
     measured: int
     basis: str = ""
+    notes: tuple[str, ...] = ()
 
     def as_dict(self) -> dict[str, Any]:
         """Return the estimate for JSON."""
@@ -86,18 +88,23 @@ def run_fleet(
     options = options or FleetOptions()
     check_options(options)
     out = Path(out)
-    found, tags = listed_recordings(recordings, options)
+    found, table = listed_recordings(recordings, options)
     cluster = partial(open_cluster, options.workers, options.cluster)
     with run_lock(out):
+        keep_tags(out, table)
         summary = run_stage(stage, found, out, cluster, options.limits, progress)
-        write_tags_of(out, tags)
-    return summary
+    return replace(summary, notes=table.notes)
 
 
-def write_tags_of(out: Path, tags: dict[str, Tags]) -> None:
-    """Keep the tags with the results, which are joined with them."""
-    if tags:
-        write_tags(out / TAGS_FILE, tags)
+def keep_tags(out: Path, table: TagTable) -> None:
+    """
+    Keep the tags with the results, which are joined with them; those of other recordings stay.
+
+    :raises UsageError: the table of the results cannot be read or written.
+    """
+    path = out / TAGS_FILE
+    if table.tags and not (path.is_file() and Path(table.path).resolve() == path.resolve()):
+        merge_tags(path, table.tags)
 
 
 def tags_file(out: Path) -> list[tuple[str, Path | str | None]]:
@@ -120,8 +127,8 @@ def estimate_fleet(
     """
     options = options or FleetOptions()
     check_options(options)
-    found, _ = listed_recordings(recordings, options)
-    return estimate_stage(stage, found, Path(out), options)
+    found, table = listed_recordings(recordings, options)
+    return replace(estimate_stage(stage, found, Path(out), options), notes=table.notes)
 
 
 def estimate_stage(
@@ -171,15 +178,15 @@ def check_options(options: FleetOptions) -> None:
 
 def listed_recordings(
     recordings: Sequence[str], options: FleetOptions
-) -> tuple[list[FleetRecording], dict[str, Tags]]:
+) -> tuple[list[FleetRecording], TagTable]:
     """
-    Return the recordings, sorted by name, and their tags.
+    Return the recordings, sorted by name, and what fleet.csv says about them.
 
     :raises UsageError: nothing is there, or fleet.csv is wrong.
     """
     found = find_recordings(recordings)
     path = tags_beside(recordings) if options.tags is None else options.tags
-    return found, {} if path is None else read_tags(path, found)
+    return found, TagTable() if path is None else read_tags(path, found)
 
 
 def chosen_recordings(found: Sequence[FleetRecording], count: int | None) -> list[FleetRecording]:

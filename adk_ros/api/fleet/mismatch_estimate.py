@@ -62,13 +62,13 @@ def estimate_mismatch(
     check_options(options)
     if not simulation.exists():
         raise UsageError(f"--simulation {simulation} does not exist")
-    listed, _ = listed_recordings(recordings, options)
+    listed, table = listed_recordings(recordings, options)
     found = chosen_recordings(listed, options.limits.count)
     options = replace(options, limits=replace(options.limits, count=None))
     reading = recording_options or RecordingOptions()
     path = simulation_file(simulation, vehicle, out, reading, simulation_options or reading)
     stage = EvidenceStage(str(path) if path.exists() else "", "", without_imu, reading)
-    first = estimate_stage(stage, found, out, options)
+    first = replace(estimate_stage(stage, found, out, options), notes=table.notes)
     is_finished = first.missing == 0 and (out / REPORT / "fleet.json").is_file()
     if is_finished:
         return first

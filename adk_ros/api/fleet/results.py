@@ -11,8 +11,7 @@ import pandas as pd
 
 from adk_ros.errors import UsageError
 from adk_ros.fleet.dataset import LISTING, RESULTS, FleetDataset
-from adk_ros.fleet.recordings import FleetRecording
-from adk_ros.fleet.tags import TAGS_FILE, read_tags
+from adk_ros.fleet.tags import TAGS_FILE, stored_tags
 
 
 def fleet_stages(out: Path | str) -> list[str]:
@@ -46,12 +45,12 @@ def fleet_frame(out: Path | str, stage: str) -> pd.DataFrame:
     path = Path(out) / TAGS_FILE
     if not path.is_file():
         return frame.assign(vehicle="", time_s=float("nan"))
-    names = [FleetRecording(str(name), "", (), 0, "") for name in frame["recording"].unique()]
-    tags = read_tags(path, names)
     rows: list[dict[str, Any]] = [
         {"recording": name, "vehicle": each.vehicle, "time_s": each.time_s} | dict(each.conditions)
-        for name, each in tags.items()
+        for name, each in stored_tags(path, list(frame["recording"].unique())).items()
     ]
+    if not rows:
+        return frame.assign(vehicle="", time_s=float("nan"))
     return frame.merge(pd.DataFrame(rows), on="recording", how="left")
 
 

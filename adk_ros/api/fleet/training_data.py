@@ -71,7 +71,9 @@ class FleetTrainingData:
     """
     What a training draws from.
 
-    `windows`: of the training vehicles' blocks; `held_out`: part -> blocks of its vehicles.
+    `windows`: of the training vehicles' blocks; `validation`, `test`: blocks of the others.
+    `hours` of training; `failed`: recording -> why it is not used; `notes`: what does not match in
+    fleet.csv.
     """
 
     split: VehicleSplit
@@ -80,6 +82,7 @@ class FleetTrainingData:
     test: tuple[FleetBlock, ...]
     hours: float
     failed: Mapping[str, str]
+    notes: tuple[str, ...] = ()
 
     def as_dict(self) -> dict[str, Any]:
         """Return what trained, validated and tested, for the manifest."""
@@ -97,6 +100,7 @@ class FleetTrainingData:
                 for name, (share, drawn) in conditions.items()
             },
             "recordings_not_used": dict(sorted(self.failed.items())),
+            "notes": list(self.notes),
         }
 
 
@@ -126,8 +130,8 @@ def fleet_training_data(
         raise UsageError(f"{out} cannot be written: {error.strerror or error}") from None
     forget_lost_files(out, SHARDS, out / SHARDS, "shard")
     run_fleet(stage, recordings, out, options, progress)
-    found, tags = listed_recordings(recordings, options)
-    blocks, failed = _blocks(out, stage, found, tags)
+    found, table = listed_recordings(recordings, options)
+    blocks, failed = _blocks(out, stage, found, table.tags)
     split = split_vehicles({b.vehicle for b in blocks}, seed, training.validation, training.test)
     parts = [
         [block for block in blocks if block.vehicle in vehicles]
@@ -135,7 +139,9 @@ def fleet_training_data(
     ]
     windows = BlockWindows(parts[0], training.window_s, seed, training.balanced)
     hours = sum(block.seconds for block in parts[0]) / 3600.0
-    return FleetTrainingData(split, windows, tuple(parts[1]), tuple(parts[2]), hours, failed)
+    return FleetTrainingData(
+        split, windows, tuple(parts[1]), tuple(parts[2]), hours, failed, table.notes
+    )
 
 
 def _blocks(
