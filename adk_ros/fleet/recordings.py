@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import glob
 import hashlib
 import re
 import shutil
@@ -16,6 +17,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from adk_ros.errors import UsageError
+from adk_ros.fleet.local_files import local_files
 from adk_ros.fleet.store import file_system, is_local, with_retries
 
 _STORAGE = (".mcap", ".db3", ".bag", ".mcap.zstd", ".db3.zstd")
@@ -45,9 +47,10 @@ def find_recordings(given: Sequence[str]) -> list[FleetRecording]:
     Return the recordings in folders, globs and URLs, sorted by name, each once.
 
     A recording is a folder with metadata.yaml; the files FOLDER_0, FOLDER_1, ... of a folder
-    without one; or any other .mcap, .db3 or .bag file.
+    without one; or any other .mcap, .db3 or .bag file. On the disk, links are followed.
 
-    :raises UsageError: nothing matches, or no recording is there.
+    :raises UsageError: nothing matches, no recording is there, a folder cannot be read, or the
+        name of a recording is not UTF-8.
     :raises StoreUnreachable: a store does not answer.
     """
     found: dict[str, FleetRecording] = {}
@@ -58,6 +61,7 @@ def find_recordings(given: Sequence[str]) -> list[FleetRecording]:
             raise UsageError(f"{uri}: no recording (.mcap, .db3, .bag or rosbag2 folder) there")
     by_name: dict[str, FleetRecording] = {}
     for recording in found.values():
+        _check_names(recording)
         if (other := by_name.get(recording.name)) is not None:
             raise UsageError(
                 f"{other.uri} and {recording.uri} are both named {recording.name}: give the "
@@ -67,20 +71,35 @@ def find_recordings(given: Sequence[str]) -> list[FleetRecording]:
     return sorted(by_name.values(), key=lambda recording: recording.name)
 
 
+def _check_names(recording: FleetRecording) -> None:
+    """:raises UsageError: a path cannot be written as text, as the results and Dask need it."""
+    for path in recording.files:
+        try:
+            path.encode()
+        except UnicodeEncodeError:
+            raise UsageError(f"{path}: its name is not UTF-8: rename it") from None
+
+
 def _below(uri: str) -> Iterator[FleetRecording]:
     system, path = file_system(uri)
+    is_disk = is_local(system)
 
     def listed() -> list[tuple[str, dict[str, Any]]]:
         system.invalidate_cache()
         roots = [path]
         if any(mark in path for mark in "*?["):
-            roots = sorted(system.glob(path))
+            roots = sorted(_matches(path) if is_disk else system.glob(path))
         result = []
         for root in roots:
             if not system.exists(root):
                 raise FileNotFoundError(root)
             parent = root if roots == [path] and not _is_bag(system, root) else _parent(root)
-            result += [(parent, info) for info in system.find(root, detail=True).values()]
+            infos = (
+                local_files(root, _is_of_recording)
+                if is_disk
+                else system.find(root, detail=True).values()
+            )
+            result += [(parent, info) for info in infos]
         return result
 
     try:
@@ -92,9 +111,18 @@ def _below(uri: str) -> Iterator[FleetRecording]:
     for parent, info in files:
         if "/." not in info["name"].removeprefix(parent):
             folders.setdefault(_parent(info["name"]), []).append((parent, info))
-    prefix = "" if is_local(system) else f"{uri.partition('://')[0]}://"
+    prefix = "" if is_disk else f"{uri.partition('://')[0]}://"
     for folder, content in folders.items():
         yield from _in_folder(folder, content, prefix)
+
+
+def _matches(pattern: str) -> Iterator[str]:
+    """Return what matches a pattern on the disk, also behind links, unlike the glob of fsspec."""
+    return (path.rstrip("/") for path in glob.iglob(pattern, recursive=True))
+
+
+def _is_of_recording(name: str) -> bool:
+    return name == _METADATA or name.endswith(_STORAGE)
 
 
 def _in_folder(

@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+import errno
+import os
 import shutil
 from dataclasses import dataclass
 from pathlib import Path
@@ -59,6 +61,58 @@ def test_a_single_bag_a_file_and_a_glob(drives) -> None:
 
 def test_overlapping_arguments_give_a_recording_once(drives) -> None:
     assert len(find_recordings([str(drives), str(drives / "town")])) == 5
+
+
+def test_folders_behind_links(drives, tmp_path) -> None:
+    disk = tmp_path / "disk"
+    touch(disk / "car 7" / "far.mcap")
+    touch(disk / "one.mcap", "first")
+    (drives / "linked").symlink_to(disk / "car 7")
+    (drives / "same").symlink_to(drives / "car")
+    (drives / "car" / "loop").symlink_to(drives)
+    (drives / "one.mcap").symlink_to(disk / "one.mcap")
+    expected = ["car/a.mcap", "car/b.db3", "cut", "linked/far.mcap", "old.bag", "one.mcap", "town"]
+    assert names(drives) == expected
+    assert names(drives / "*" / "far.mcap") == ["far.mcap"]
+    assert names(drives / "li*") == ["linked/far.mcap"]
+    # Written again behind its link: size and time are those of what the link leads to.
+    (before,) = find_recordings([str(drives / "one.mcap")])
+    touch(disk / "one.mcap", "other")
+    os.utime(disk / "one.mcap", (1.0, 1.0))
+    (after,) = find_recordings([str(drives / "one.mcap")])
+    assert after.size == before.size == 5
+    assert after.version != before.version
+    (disk / "one.mcap").unlink()
+    assert names(drives) == expected
+    shutil.rmtree(disk)
+    with pytest.raises(UsageError, match=rf"linked is a link to {disk}/car 7, which is not there"):
+        find_recordings([str(drives)])
+
+
+def test_a_folder_that_cannot_be_read(drives, monkeypatch) -> None:
+    scan, locked = os.scandir, str(drives / "car")
+
+    def refusing(path):
+        if path == locked:
+            raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), path)
+        return scan(path)
+
+    touch(drives / "lost+found" / "x.mcap")
+    assert "lost+found/x.mcap" not in names(drives)
+    monkeypatch.setattr(os, "scandir", refusing)
+    with pytest.raises(UsageError, match=rf"^{locked} cannot be read: Permission denied"):
+        find_recordings([str(drives)])
+
+
+@pytest.mark.parametrize("place", [b"caf\xe9.mcap", b"caf\xe9/metadata.yaml"])
+def test_a_name_that_is_not_utf8_is_a_line(drives, place) -> None:
+    touch(drives / os.fsdecode(place))
+    touch(drives / os.fsdecode(b"notes \xe9.txt"))
+    with pytest.raises(
+        UsageError, match=r"drives/caf\\udce9\S*: .* not UTF-8: rename it"
+    ) as found:
+        find_recordings([str(drives)])
+    assert str(found.value).isascii()
 
 
 def test_what_is_refused(drives, tmp_path) -> None:
