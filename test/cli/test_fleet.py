@@ -144,7 +144,7 @@ def test_a_recording_gets_its_own_report(tmp_path) -> None:
     rows = [checked_row(row) for row in stage.run(bag("town", 60.0), "day 1/town")]
     (verdict,) = [row for row in rows if row["kind"] == "verdict"]
     page = json.loads(verdict["details"])["report"]
-    assert page == "day 1/town/report.html"
+    assert page == f"{stage.inputs_hash[:16]}/day 1/town/report.html"
     assert (tmp_path / "reports" / page).stat().st_size > 10_000
     before = stage.inputs_hash
     simulation.write_text(simulation.read_text() + "# changed")

@@ -168,7 +168,7 @@ def fleet_mismatch(
             run_stage(stage, shown, out, lambda: nullcontext(cluster()), limits, progress)
         failed = tuple(sorted(analysis.failed.items()))
         models = corrected_models(analysis.result, known.surrogate)
-        links = _links(out, stage, worst)
+        links = _links(out, stage, shown)
         sources: list[tuple[str, Path | str | None]] = [("simulation", simulation)]
         if vehicle is not None and Path(vehicle).is_file():
             sources.append(("vehicle", vehicle))
@@ -184,10 +184,10 @@ def fleet_mismatch(
         return FleetMismatch(analysis.result, page, failed, left, table.notes)
 
 
-def _links(out: Path, stage: ReportStage, names: Collection[str]) -> dict[str, str]:
+def _links(out: Path, stage: ReportStage, recordings: Sequence[FleetRecording]) -> dict[str, str]:
     """Return recording -> address of its report, relative to the page."""
     links = {}
-    for row in FleetDataset(out).rows(stage.name, {"recording": names}):
+    for row in current_rows(version_of(stage), recordings, FleetDataset(out)):
         page = json.loads(row["details"] or "{}").get("report")
         if page is not None:
             links[str(row["recording"])] = quote(f"{RECORDINGS}/{page}")

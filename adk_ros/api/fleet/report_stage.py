@@ -22,9 +22,10 @@ class ReportStage:
     As `ExplainStage`, against the simulation as the fleet has identified it, with a report.
 
     `simulation`: vehicle file of the surrogate (`simulation.yaml`): a bag would be refused for
-    recordings that are faster or slower. `folder`: where the reports are written, one folder for
-    each recording, seen by all workers under this path. The row of kind `verdict` has the page
-    below it in `details.report`. `options`: topics and sensor configuration.
+    recordings that are faster or slower. `folder`: where the reports are written, a folder for
+    each simulation and in it one for each recording, seen by all workers under this path. The row
+    of kind `verdict` has the page below it in `details.report`. `options`: topics and sensor
+    configuration.
     """
 
     simulation: str
@@ -50,9 +51,11 @@ class ReportStage:
         explanation = explain(
             self.simulation, path, without_imu=self.without_imu, options=self.options
         )
-        explanation.write(Path(self.folder) / recording, force=True)
+        # Results of another simulation are kept, and so are their reports.
+        place = f"{self.inputs_hash[:16]}/{recording}"
+        explanation.write(Path(self.folder) / place, force=True)
         rows = explanation_rows(explanation)
         for row in rows:
             if row["kind"] == "verdict":
-                row["details"]["report"] = f"{recording}/{PAGE}"
+                row["details"]["report"] = f"{place}/{PAGE}"
         return rows

@@ -20,6 +20,9 @@ from adk_ros.mismatch.library.effect import Effect
 from adk_ros.mismatch.surrogate.identification import SurrogateModel
 from adk_ros.mismatch.surrogate.substeps import scale_of
 
+MODELS = "corrected_*.yaml"
+"""Pattern of the files of corrected models."""
+
 
 def corrected_models(result: FleetResult, surrogate: SurrogateModel) -> dict[str, str]:
     """Return file name -> text of the corrected models: all cars, each car, each condition."""

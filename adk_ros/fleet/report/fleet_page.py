@@ -14,6 +14,7 @@ from markupsafe import Markup, escape
 
 from adk_ros.files.pages.page import embed, render_page
 from adk_ros.files.pages.provenance import Provenance
+from adk_ros.fleet.inference.corrected_models import MODELS
 from adk_ros.fleet.inference.fleet_result import FleetResult, NotClaimed
 from adk_ros.fleet.inference.levels import SHARED, Level
 from adk_ros.fleet.report.fleet_figures import map_figure, matrix_figure, trend_figure
@@ -41,6 +42,8 @@ def write_fleet_page(
     """
     Write `fleet.html`, `fleet.json`, figures and corrected models into a folder.
 
+    Corrected models of an earlier result that are not among `models` are removed.
+
     `links`: recording -> address of its report; `models`: file name -> text
     (`corrected_models`); `failed`: recordings without evidence, with the reason.
     """
@@ -59,6 +62,10 @@ def write_fleet_page(
         path = out / f"trend_{i}.png"
         partial(trend_figure, points, unit)(path)
         trends.append(embed(path, f"Size of {key[0]} by recording over time"))
+    for path in out.glob(MODELS):
+        # Of a claim that is no longer made.
+        if path.name not in (models or {}):
+            path.unlink()
     for name, text in (models or {}).items():
         (out / name).write_text(text, encoding="utf-8")
     (out / DATA).write_text(json.dumps(result.as_dict(), indent=1), encoding="utf-8")

@@ -91,6 +91,16 @@ def test_the_page_shows_claims_vehicles_trends_places_and_links(tmp_path: Path) 
     assert (tmp_path / "fleet.json").exists()
 
 
+def test_models_of_claims_that_are_no_longer_made_are_removed(tmp_path: Path) -> None:
+    (tmp_path / "simulation.yaml").touch()
+    models = corrected_models(result(), surrogate())
+    write_fleet_page(result(), tmp_path, models=models)
+    del models["corrected_car02.yaml"]
+    page = write_fleet_page(result(), tmp_path, models=models)
+    assert {path.name for path in tmp_path.glob("*.yaml")} == {*models, "simulation.yaml"}
+    assert "corrected_car02" not in page.read_text()
+
+
 def test_the_page_says_what_all_cars_share_and_nothing_explains(tmp_path: Path) -> None:
     candidate = NotClaimed(
         "brake_torque_gain",
