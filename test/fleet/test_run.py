@@ -22,8 +22,9 @@ from types import SimpleNamespace
 import psutil
 import pytest
 from helpers.fleet import compared, text_fleet, text_stage
+from pyarrow.parquet import ParquetFile
 
-from adk_ros.api.fleet.results import fleet_frame
+from adk_ros.api.fleet.results import fleet_frame, fleet_summary
 from adk_ros.bench.fleet.disturbed_runs import RunningCluster, environment
 from adk_ros.errors import UsageError
 from adk_ros.fleet.cluster import open_cluster
@@ -418,6 +419,25 @@ def test_a_frame_has_the_results_of_the_last_run(tmp_path, monkeypatch) -> None:
     # A run that has not come to it yet: "ok 1000" is larger and comes first.
     text_fleet(tmp_path / "drives", {"c": "ok 1000"})
     assert values("ok 5", limits=Limits(count=1)) == []
+
+
+def test_a_summary_reads_no_details(tmp_path, monkeypatch) -> None:
+    """They are most of the data: the evidence of a recording has hundreds of kilobytes."""
+    run_here(monkeypatch)
+    recordings = text_fleet(tmp_path / "drives", {"a": "ok 1", "b": "damaged"})
+    run_stage(text_stage(tmp_path / "log"), recordings, tmp_path / "out", fake_cluster)
+    read, columns = ParquetFile.read, []
+    monkeypatch.setattr(
+        ParquetFile,
+        "read",
+        lambda *given, **named: columns.extend(named["columns"]) or read(*given, **named),
+    )
+    (summary,) = fleet_summary(tmp_path / "out")
+    assert (summary["recordings"], summary["failed"]) == (2, {"unusable": 1})
+    assert summary["reasons"] == {"b.mcap": "b.mcap is damaged"}
+    assert "details" not in columns
+    FleetDataset(tmp_path / "out").drop("text", set(FleetDataset(tmp_path / "out").done("text")))
+    assert fleet_frame(tmp_path / "out", "text").empty
 
 
 def test_the_inputs_are_hashed_once_for_a_run(tmp_path, monkeypatch) -> None:

@@ -10,8 +10,11 @@ from typing import Any
 import pandas as pd
 
 from adk_ros.errors import UsageError
-from adk_ros.fleet.dataset import LISTING, RESULTS, FleetDataset
+from adk_ros.fleet.dataset import LISTING, RESULT, RESULTS, FleetDataset
 from adk_ros.fleet.tags import TAGS_FILE, stored_tags
+
+_CHOSEN_BY = ["recording", "content_hash", "key", "written_s"]
+_SUMMARISED = ["recording", "status", "failure", "reason", "kind", "finding", "condition"]
 
 
 def fleet_stages(out: Path | str) -> list[str]:
@@ -35,13 +38,9 @@ def fleet_frame(out: Path | str, stage: str) -> pd.DataFrame:
 
     Columns: those of `fleet.dataset.RESULT`, then vehicle, time_s and the tags of fleet.csv.
     """
-    from adk_ros.fleet.dataset import RESULT
-
-    dataset = FleetDataset(Path(out))
-    frame = pd.DataFrame(dataset.rows(stage), columns=list(RESULT))
+    frame = _current(out, stage, list(RESULT))
     if frame.empty:
         return frame
-    frame = frame[_is_current(frame, dataset.listing(stage))].reset_index(drop=True)
     path = Path(out) / TAGS_FILE
     if not path.is_file():
         return frame.assign(vehicle="", time_s=float("nan"))
@@ -52,6 +51,15 @@ def fleet_frame(out: Path | str, stage: str) -> pd.DataFrame:
     if not rows:
         return frame.assign(vehicle="", time_s=float("nan"))
     return frame.merge(pd.DataFrame(rows), on="recording", how="left")
+
+
+def _current(out: Path | str, stage: str, columns: list[str]) -> pd.DataFrame:
+    """Return columns of the rows of the recordings at their last run."""
+    dataset = FleetDataset(Path(out))
+    table = dataset.columns(stage, list(dict.fromkeys([*columns, *_CHOSEN_BY])))
+    chosen = _is_current(table.select(_CHOSEN_BY).to_pandas(), dataset.listing(stage))
+    frame: pd.DataFrame = table.select(columns).filter(chosen.to_numpy(dtype=bool)).to_pandas()
+    return frame
 
 
 def _is_current(frame: pd.DataFrame, listing: list[dict[str, str]]) -> pd.Series[bool]:
@@ -75,7 +83,8 @@ def fleet_summary(out: Path | str) -> list[dict[str, Any]]:
     """
     summary = []
     for stage in fleet_stages(out):
-        frame = fleet_frame(out, stage)
+        # Details, which are most of the data, are not read.
+        frame = _current(out, stage, _SUMMARISED)
         once = frame.drop_duplicates("recording")
         failed = once[once["status"] == "failed"]
         shown = frame[frame["kind"].isin(["usable", "check", "verdict", "effect"])]

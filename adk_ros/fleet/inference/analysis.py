@@ -99,8 +99,11 @@ def analyse_fleet(
         if names is not None and not names:
             return
         found, without = evidence_at(at, names)
-        for name in {str(row["recording"]) for row in found}:
-            rows[name] = [row for row in found if row["recording"] == name]
+        by_name: dict[str, list[Row]] = {}
+        for row in found:
+            by_name.setdefault(str(row["recording"]), []).append(row)
+        rows.update(by_name)
+        for name in by_name:
             points[name] = _point(at, name)
             outdated.pop(name, None)
         for name, why in without.items():

@@ -13,6 +13,9 @@ mpl.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.patches import Rectangle
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
 
 from adk_ros.files.pages.figure_style import BLUE, GREY, ORANGE, PURPLE, VERMILION
 from adk_ros.fleet.inference.evidence import column_of
@@ -158,17 +161,38 @@ _REGION_M = 1000.0
 
 
 def _regions(centres: FloatArray) -> list[IntArray]:
-    """Return the rows of each connected region of the map."""
-    left = set(range(centres.shape[0]))
-    out = []
-    while left:
-        front = [left.pop()]
-        found = list(front)
-        while front:
-            here = centres[front.pop()]
-            near = [i for i in left if np.abs(centres[i] - here).max() < _REGION_M]
-            left -= set(near)
-            found += near
-            front += near
-        out.append(np.array(sorted(found)))
-    return sorted(out, key=lambda rows: float(centres[rows, 0].mean()))
+    """
+    Return the rows of each connected region of the map: of centres (n, 2), m.
+
+    Centres in the same square of the distance's size are connected; squares that touch each other
+    are, if two of their centres are near enough.
+    """
+    if not len(centres):
+        return []
+    squares, square_of = np.unique(
+        np.floor(centres / _REGION_M).astype(np.int64), axis=0, return_inverse=True
+    )
+    square_of = square_of.reshape(-1)
+    groups = _rows_by(square_of)
+    numbers = {(int(x), int(y)): number for number, (x, y) in enumerate(squares)}
+    trees = [cKDTree(centres[rows]) for rows in groups]
+    pairs = []
+    for (x, y), one in numbers.items():
+        for beside in ((x + 1, y - 1), (x + 1, y), (x + 1, y + 1), (x, y + 1)):
+            other = numbers.get(beside)
+            if other is None:
+                continue
+            distances, _ = trees[one].query(centres[groups[other]], p=np.inf)
+            if distances.min() < _REGION_M:
+                pairs.append((one, other))
+    ones, others = np.array(pairs, dtype=np.int64).reshape(-1, 2).T
+    graph = coo_matrix((np.ones(len(ones)), (ones, others)), shape=(len(groups),) * 2)
+    _, region_of = connected_components(graph, directed=False)
+    regions = _rows_by(region_of[square_of])
+    return sorted(regions, key=lambda rows: float(centres[rows, 0].mean()))
+
+
+def _rows_by(numbers: IntArray) -> list[IntArray]:
+    """Return the rows of each number from 0 on, all of which occur."""
+    ends = np.cumsum(np.bincount(numbers))[:-1]
+    return np.split(np.argsort(numbers, kind="stable"), ends)

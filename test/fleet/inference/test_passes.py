@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""When a recording is linearised again, and what becomes of one that fails then."""
+"""When a recording is linearised again, what becomes of one that fails, how rows are grouped."""
 
 from __future__ import annotations
 
@@ -154,3 +154,26 @@ def rows_at(
         for x in range(20 if with_place else 0)
     ]
     return [evidence_of(fleet, i, RECORDING, at).to_row(), *places]
+
+
+def test_evidence_is_grouped_in_one_pass(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = []
+
+    class CountedRow(dict[str, Any]):
+        def __getitem__(self, key: str) -> Any:
+            asked.append(key)
+            return super().__getitem__(key)
+
+    class Finished(Exception):
+        pass
+
+    def estimate(rows: list[dict[str, Any]], *_: object, **__: object) -> None:
+        assert [row["value"] for row in rows[1:]] == [*range(0, 600, 2), *range(1, 600, 2)]
+        raise Finished
+
+    found = [CountedRow(recording="ab"[i % 2] + f"{i:03d}", value=i) for i in range(600)]
+    simulation: Any = SimpleNamespace(evidence=SimpleNamespace(to_row=dict))
+    monkeypatch.setattr("adk_ros.fleet.inference.analysis.estimate_fleet", estimate)
+    with pytest.raises(Finished):
+        analyse_fleet(lambda *_: (found, {}), simulation, lambda rows: {})
+    assert asked.count("recording") == len(found)
