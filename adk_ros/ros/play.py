@@ -5,6 +5,9 @@ Play a bag on ROS topics in real time, with unchanged message bytes, and publish
 
 Each message is published at an absolute time: start + (log time - first log time) / rate. A bag
 that loops starts again one clock period after its end; its stamps and /clock then jump back.
+
+Fixed transforms hold at all times: those of the whole bag are published before the first message,
+and kept for later subscribers.
 """
 
 from __future__ import annotations
@@ -26,6 +29,7 @@ from adk_ros.ros.messages import split_stamp
 from adk_ros.ros.pacing import ReadAhead, paced
 from adk_ros.ros.restamp import Restamper
 from adk_ros.ros.session import Session, message_class, stopping
+from adk_ros.ros.static_transforms import has_static_transforms, static_transforms_qos
 
 _CLOCK_NS = 10_000_000
 """ns of wall time between two messages on /clock: 100 Hz, as `ros2 bag play --clock 100`."""
@@ -119,6 +123,7 @@ def play(
         from_ns, length_ns = _selected_part(bag, start_s, duration_s)
         with Session("adk_play") as session, stopping() as stopped:
             player = _Player(bag, session, topics, remap or {}, notify)
+            player.send_static_transforms()
             items = player.items(from_ns, length_ns, round(_CLOCK_NS * rate) if clock else 0, loop)
             with ReadAhead(items) as ahead:
                 player.wait(wait_for_subscribers_s, stopped)
@@ -164,6 +169,7 @@ class _Player:
         self._session = session
         self._notify = notify
         self._publishers: dict[str, Any] = {}
+        self._static: list[str] = []
         self._sensors: list[str] = []
         self._unheard: tuple[str, ...] = ()
         self._restamper = Restamper()
@@ -197,10 +203,20 @@ class _Player:
             self._notify(f"{error}; the topic is not played")
             return
         full_name = self._session.resolve(name)
-        self._publishers[topic] = self._session.node.create_publisher(kind, full_name, _DEPTH)
+        is_static = has_static_transforms(full_name)
+        qos = static_transforms_qos(_DEPTH) if is_static else _DEPTH
+        self._publishers[topic] = self._session.node.create_publisher(kind, full_name, qos)
+        if is_static:
+            self._static.append(topic)
         self._restamper.add(topic, kind)
         if msgtype in (IMU_TYPE, ODOMETRY_TYPE, *COMMAND_TYPES.values()):
             self._sensors.append(topic)
+
+    def send_static_transforms(self) -> None:
+        """Publish all fixed transforms of the bag."""
+        for topic, _type, _log_ns, content in self._bag.raw(self._static):
+            self._publishers[topic].publish(content)
+            self._counts[topic] += 1
 
     def wait(self, limit_s: float, stopped: Callable[[], bool]) -> None:
         """
@@ -249,7 +265,8 @@ class _Player:
     def _messages(
         self, from_ns: int, length_ns: int, begin_ns: int, count: int
     ) -> Iterator[_Item]:
-        for topic, _type, log_ns, content in self._bag.raw(list(self._publishers)):
+        played = [topic for topic in self._publishers if topic not in self._static]
+        for topic, _type, log_ns, content in self._bag.raw(played):
             if log_ns > from_ns + length_ns:
                 return
             if log_ns >= from_ns:

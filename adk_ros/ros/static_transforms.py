@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Pose of the IMU from `/tf_static` for a running node."""
+"""Fixed transforms on topics: their quality of service, and the pose of the IMU in a node."""
 
 from __future__ import annotations
 
@@ -25,6 +25,26 @@ from adk_ros.signals.extrinsics import (
 
 _DEPTH = 100
 """Queue depth, messages: each publisher of static transforms keeps one."""
+
+
+def has_static_transforms(topic: str) -> bool:
+    """Whether a topic is `/tf_static`, or that of one of several cars."""
+    return topic.endswith(TOPIC)
+
+
+def static_transforms_qos(depth: int = _DEPTH) -> Any:
+    """
+    Return the quality of service of `/tf_static`, of publishers and subscribers.
+
+    The latest `depth` messages of a publisher are kept, also for a subscriber that comes later.
+    """
+    profile: Any = QoSProfile
+    return profile(
+        history=HistoryPolicy.KEEP_LAST,
+        depth=depth,
+        reliability=ReliabilityPolicy.RELIABLE,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL,
+    )
 
 
 class Receiver(Protocol):
@@ -75,14 +95,9 @@ class ImuExtrinsics:
         except UsageError:
             note(f"the ROS package tf2_msgs is not installed: {TOPIC} is not read")
             return
-        profile: Any = QoSProfile
-        qos = profile(
-            history=HistoryPolicy.KEEP_LAST,
-            depth=_DEPTH,
-            reliability=ReliabilityPolicy.RELIABLE,
-            durability=DurabilityPolicy.TRANSIENT_LOCAL,
+        self.subscription = node.create_subscription(
+            kind, TOPIC, self.take, static_transforms_qos()
         )
-        self.subscription = node.create_subscription(kind, TOPIC, self.take, qos)
         receiver.on_frames = self._apply
 
     def take(self, message: Any) -> None:

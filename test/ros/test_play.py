@@ -24,14 +24,17 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Imu, JointState
 from std_msgs.msg import String
 
-from adk_ros.bags import Bag
+from adk_ros.bags import Bag, BagWriter
+from adk_ros.bags import message as bag_message
 from adk_ros.errors import UsageError
 from adk_ros.ros.messages import join_stamp
 from adk_ros.ros.pacing import ReadAhead, paced
 from adk_ros.ros.play import play
 from adk_ros.ros.restamp import Restamper
 from adk_ros.ros.session import Session
+from adk_ros.ros.static_transforms import has_static_transforms, static_transforms_qos
 
+TF_STATIC = "/tf_static"
 TYPES = {"/imu/data": Imu, "/odometry": Odometry, "/vehicle/command": JointState, "/clock": Clock}
 
 
@@ -61,8 +64,10 @@ def listening(*topics: str) -> Iterator[list[Received]]:
                 def take(content: bytes, topic: str = topic) -> None:
                     received.append(Received(topic, bytes(content), time.monotonic_ns()))
 
-                kind = TYPES.get(topic, JointState)
-                session.node.create_subscription(kind, topic, take, 1000, raw=True)
+                # tf2_msgs is not among the wheels of the tests: the name alone says what it is.
+                kind = String if topic == TF_STATIC else TYPES.get(topic, JointState)
+                qos = static_transforms_qos() if has_static_transforms(topic) else 1000
+                session.node.create_subscription(kind, topic, take, qos, raw=True)
             ready.set()
             while not ended.is_set():
                 session.spin(0.05)
@@ -130,6 +135,26 @@ def test_rate_part_topics_and_remapping_without_clock(bag: Path) -> None:
     assert min(stamps) >= START_NS + 500_000_000
     assert max(stamps) <= START_NS + 1_520_000_000
     assert elapsed_s < 6.0
+
+
+def test_fixed_transforms_are_kept_and_precede_all_messages(bag: Path, tmp_path: Path) -> None:
+    """As a node asks for them (transient local), wherever in the bag they were logged."""
+    with Bag(bag) as opened, BagWriter(tmp_path / "bag") as writer:
+        writer.add_topic(TF_STATIC, "std_msgs/msg/String")
+        writer.add_topic("/odometry", "nav_msgs/msg/Odometry")
+        writer.write(TF_STATIC, bag_message("std_msgs/msg/String", data="imu"), opened.start_ns)
+        for topic, _kind, log_ns, content in opened.raw(["/odometry"]):
+            writer.write(topic, content, log_ns)
+        late = bag_message("std_msgs/msg/String", data="lidar")
+        writer.write(TF_STATIC, late, opened.end_ns)
+    with listening(TF_STATIC, "/odometry") as received:
+        stats = play(tmp_path / "bag", 4.0, start_s=0.5, duration_s=1.0)
+        time.sleep(0.3)
+    assert [item.topic for item in received[:2]] == [TF_STATIC] * 2
+    assert {item.topic for item in received[2:]} == {"/odometry"}
+    transforms = [deserialize_message(item.content, String).data for item in received[:2]]
+    assert transforms == ["imu", "lidar"]
+    assert stats.by_topic[TF_STATIC] == 2
 
 
 def test_stamps_shifted_to_the_present(bag: Path) -> None:
