@@ -37,6 +37,7 @@ from adk_ros.errors import AdkError, UsageError
 from adk_ros.mismatch.deployment.surrogate_writer import simulation_yaml
 from adk_ros.mismatch.surrogate.identification import SurrogateModel
 from adk_ros.mismatch.watch.change import FINAL, Change
+from adk_ros.mismatch.watch.stamp_filter import StampFilter
 from adk_ros.mismatch.watch.watch import Watch
 from adk_ros.ros.diagnostics import Level
 from adk_ros.ros.evidence import Evidence, StampedMessage
@@ -70,6 +71,9 @@ _PERIOD_S = 1.0
 """s between diagnostics."""
 _POLL_S = 0.05
 """s between two looks at the subscriptions: a change is named minutes after its onset."""
+
+
+_Pose = tuple[float, float, float] | None
 
 
 @dataclass(frozen=True)
@@ -122,6 +126,8 @@ class WatchNode:
         self.frames: dict[Source, str] = {}
         self.on_frames: Callable[[], None] = _ignore
         self._topics = {s: session.resolve(options.topics[s]) for s in types}
+        self._stamps: StampFilter[tuple[StampedMessage, _Pose]] = StampFilter()
+        self._reported_strays: Counter[Source] = Counter()
         self._evidence = Evidence({self._topics[s]: t for s, t in types.items()})
         self._received: Counter[Source] = Counter({source: 0 for source in types})
         self._last_s = dict.fromkeys(types, -math.inf)
@@ -193,16 +199,18 @@ class WatchNode:
         if source not in self.frames and source <= Source.ODOMETRY:
             self.frames[source] = frame_of(message)
             self.on_frames()
-        restarts = self.watch.restarts
         pose = None
         if source is Source.ODOMETRY:
             pose = pose_of(message, self.sensors.odometry_rotation)
-        self.watch.push(reading, pose)
-        if self._options.out is None:
-            return
-        if self.watch.restarts > restarts:
+        stamped = StampedMessage(self._topics[source], reading.stamp_ns, bytes(content))
+        is_new_time, admitted = self._stamps.admit(reading, (stamped, pose))
+        if is_new_time:
+            self.watch.restart()
             self._evidence.clear()
-        self._evidence.add(StampedMessage(self._topics[source], reading.stamp_ns, bytes(content)))
+        for taken, (its_message, its_pose) in admitted:
+            self.watch.push(taken, its_pose)
+            if self._options.out is not None:
+                self._evidence.add(its_message)
 
     def work(self) -> bool:
         """Do one piece of work, and report if it is time; return whether there was any work."""
@@ -282,11 +290,15 @@ class WatchNode:
         refused: Counter[str] = Counter()
         for (source, reason), times in self._decoder.refused.items():
             refused[f"{source.name.lower()}: {reason}"] += times
+        strays = self._stamps.strays.copy()
         inputs = WatchInputs(
             {source.name.lower(): times for source, times in self._received.items()},
             {source.name.lower(): now_s - at_s for source, at_s in self._last_s.items()},
             refused,
+            {source.name.lower(): times for source, times in strays.items()},
+            [source.name.lower() for source in sorted(strays - self._reported_strays)],
         )
+        self._reported_strays = strays
         level, text, values = watch_report(self.watch, inputs, share)
         message = DiagnosticArray()
         now_ns = self._node.get_clock().now().nanoseconds

@@ -5,10 +5,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 from adk_ros.mismatch.watch.change import WITHDRAWN
+from adk_ros.mismatch.watch.stamp_filter import MAX_DEVIATION_S
 from adk_ros.mismatch.watch.watch import CHANGED, LEARNING, WAITING, Watch
 from adk_ros.ros.diagnostics import Level
 
@@ -17,11 +18,18 @@ STALE_S = 1.0
 
 
 class WatchInputs(NamedTuple):
-    """Counts and ages of the inputs, by name; `refused` by reason."""
+    """
+    Counts and ages of the inputs, by name; `refused` by reason.
+
+    `strays`: messages left out for their stamps; `fresh_strays`: inputs with such ones since the
+    last report.
+    """
 
     received: Mapping[str, int]
     age_s: Mapping[str, float]
     refused: Mapping[str, int]
+    strays: Mapping[str, int]
+    fresh_strays: Sequence[str]
 
 
 def watch_report(
@@ -45,6 +53,7 @@ def watch_report(
     for name, count in inputs.received.items():
         values[f"{name}.received"] = count
         values[f"{name}.age_s"] = round(inputs.age_s[name], 3)
+        values[f"{name}.stray_stamps"] = inputs.strays.get(name, 0)
     for reason, count in sorted(inputs.refused.items()):
         values[f"refused: {reason}"] = count
     if watch.changes:
@@ -66,6 +75,11 @@ def _message(watch: Watch, inputs: WatchInputs) -> tuple[Level, str]:
         return Level.ERROR, f"waiting for {', '.join(never)}"
     if silent:
         return Level.ERROR, f"no message of {', '.join(silent)} for {STALE_S:g} s"
+    if inputs.fresh_strays:
+        return Level.WARN, (
+            f"{', '.join(inputs.fresh_strays)}: messages are left out, whose stamps differ from "
+            f"the others by more than {MAX_DEVIATION_S:g} s: check the clocks of their senders"
+        )
     if watch.changes and watch.changes[-1].state != WITHDRAWN:
         return Level.WARN, watch.changes[-1].sentence()
     if watch.state == WAITING:

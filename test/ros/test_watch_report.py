@@ -17,9 +17,14 @@ from adk_ros.errors import UsageError
 from adk_ros.mismatch.watch.watch import Watch
 from adk_ros.ros.diagnostics import Level
 from adk_ros.ros.evidence import MAX_BYTES, SPAN_S, Evidence, StampedMessage
+from adk_ros.ros.session import Session
+from adk_ros.ros.traffic import message
+from adk_ros.ros.watch_node import WatchNode, WatchOptions, source_topics
 from adk_ros.ros.watch_report import WatchInputs, watch_report
+from adk_ros.signals.channels import Reading, Source
+from adk_ros.signals.decode import SensorConfig
 
-ALL = WatchInputs({"imu": 5, "odometry": 5}, {"imu": 0.01, "odometry": 0.02}, {})
+ALL = WatchInputs({"imu": 5, "odometry": 5}, {"imu": 0.01, "odometry": 0.02}, {}, {}, [])
 
 
 def test_a_stream_that_never_came_or_stopped_is_an_error_with_its_name() -> None:
@@ -43,6 +48,17 @@ def test_learning_states_its_progress_and_refusals_are_named() -> None:
     assert dict(values)["refused: imu: no time stamp"] == "3"
 
 
+def test_wrong_stamps_are_a_warning_while_they_come() -> None:
+    watch = Watch(surrogate(), lambda change: None)
+    wrong = ALL._replace(strays={"imu": 7}, fresh_strays=["imu"])
+    level, text, values = watch_report(watch, wrong, 0.0)
+    assert level is Level.WARN
+    assert text.startswith("imu: messages are left out, whose stamps differ")
+    assert dict(values)["imu.stray_stamps"] == "7"
+    assert dict(values)["odometry.stray_stamps"] == "0"
+    assert watch_report(watch, wrong._replace(fresh_strays=[]), 0.0)[0] is Level.OK
+
+
 @pytest.mark.slow(seconds=6)
 def test_a_change_is_a_warning_with_its_sentence_and_size() -> None:
     watch, changes = watched(changing_drive(mass=200.0, yaw_inertia=220.0), until_s=185.0)
@@ -53,6 +69,35 @@ def test_a_change_is_a_warning_with_its_sentence_and_size() -> None:
     assert shown["change.effect"] == "payload"
     assert shown["change.mass"].endswith(") kg")
     assert shown["state"] == "changed"
+
+
+def test_a_wrong_stamp_loses_no_evidence_and_a_clock_that_jumps_back_all(tmp_path: Path) -> None:
+    sources = (Source.IMU, Source.ODOMETRY, Source.COMMAND)
+    options = WatchOptions(
+        source_topics("imu", "odometry", "command"), SensorConfig(), out=tmp_path / "out"
+    )
+    with Session("watch", polled=True) as session:
+        node = WatchNode(session, surrogate(), options, lambda line: None)
+
+        def take(source: Source, at_s: float) -> None:
+            stamp_ns = 1_760_000_000_000_000_000 + round(1e9 * at_s)
+            values = (0.1 * at_s, 0.0, 0.0)[: 2 if source is Source.COMMAND else 3]
+            node._take(source, serialize_message(message(Reading(source, stamp_ns, values))))
+
+        kept = node._evidence._kept
+        for i in range(500):
+            for source in sources:
+                take(source, 0.02 * i)
+            if i % 100 == 50:
+                take(sources[i // 100 % 3], 0.02 * i + (3600.0 if i < 250 else -100.0))
+        assert len(kept) == 3 * 500
+        assert node.watch.restarts == 0
+        assert node.watch.buffer.newest_s == pytest.approx(9.98)
+        for i in range(2):
+            for source in sources:
+                take(source, 0.02 * i - 50.0)
+        assert node.watch.restarts == 1
+        assert len(kept) == 6
 
 
 def imu_bytes(stamp_s: float) -> bytes:

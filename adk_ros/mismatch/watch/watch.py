@@ -44,8 +44,6 @@ from adk_ros.numerics.arrays import FloatArray
 from adk_ros.signals.channels import Reading
 
 WAITING, LEARNING, WATCHING, CHANGED = "waiting", "learning", "watching", "changed"
-_MAX_JUMP_S = 1.0
-"""s by which a stamp may lie before the newest; farther back, the clock was set: a restart."""
 _KEPT_CHANGES = 100
 
 Span = tuple[float, float]
@@ -76,7 +74,7 @@ class Watch:
         self._restart()
 
     def restart(self) -> None:
-        """Forget all readings and what was learned of them."""
+        """Forget all readings and what was learned of them, as when the clock was set."""
         self.restarts += 1
         self._restart()
 
@@ -118,15 +116,11 @@ class Watch:
         return min(count / REFERENCE_BLOCKS, 1.0)
 
     def push(self, reading: Reading, pose: tuple[float, float, float] | None = None) -> None:
-        """Store a reading; `pose` (x, y, heading) belongs to one of odometry."""
-        buffer = self.buffer
-        if buffer.start_ns is not None:
-            at_s = buffer.seconds(reading.stamp_ns)
-            if at_s < min(buffer.newest_s, buffer.measured_until_s + MAX_LATENESS_S) - (
-                _MAX_JUMP_S + MAX_LATENESS_S
-            ):
-                self.restarts += 1
-                self._restart()
+        """
+        Store a reading; `pose` (x, y, heading) belongs to one of odometry.
+
+        Its stamp is taken as it is: `StampFilter` keeps wrong ones away.
+        """
         self.buffer.push(reading, pose)
 
     def step(self) -> bool:
