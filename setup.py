@@ -17,8 +17,8 @@ from setuptools import find_packages, setup
 
 NAME = "adk_ros"
 VERBS = (
-    "train", "replay", "play", "echo", "rollout", "info", "simulate", "mismatch", "bench",
-    "compile", "watch", "import", "export", "check",
+    "train", "replay", "play", "echo", "rollout", "demo", "info", "simulate", "mismatch",
+    "detectable", "fleet", "bench", "compile", "watch", "import", "export", "check",
 )  # fmt: skip
 
 console_scripts = ["adk = adk_ros.cli.main:main", "predictor = adk_ros.ros.node:main"]

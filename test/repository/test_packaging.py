@@ -24,18 +24,19 @@ from typing import Any
 
 import pytest
 import setuptools
+import typer
 import yaml
 from catkin_pkg.package import parse_package
 from packaging.requirements import Requirement
 from packaging.specifiers import SpecifierSet
 from packaging.utils import canonicalize_name
 
+from adk_ros.cli.main import app
+
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGE = ElementTree.parse(ROOT / "package.xml").getroot()
-VERBS = [
-    "train", "replay", "play", "echo", "rollout", "info", "simulate", "mismatch", "bench",
-    "compile", "watch", "import", "export", "check",
-]  # fmt: skip
+COMMAND_TABLE: Any = typer.main.get_command(app)
+VERBS = sorted(COMMAND_TABLE.commands)
 PYTHONS = ["3.10", "3.11", "3.12", "3.13", "3.14"]
 
 # rosdep key -> (name in pip, name in Python).
