@@ -170,6 +170,7 @@ def replay(
     ridge: float | None = None,
     horizon_s: float = 2.0,
     with_horizon: bool = False,
+    frame_id: str = "",
     options: RecordingOptions | None = None,
     force: bool = False,
     progress: Progress | None = None,
@@ -189,6 +190,8 @@ def replay(
         the model's).
     :param horizon_s: length of the predicted horizon, 0 to 10 s.
     :param with_horizon: write the horizons to `out` as well.
+    :param frame_id: frame of the predictions in `out`, as the node's parameter; default:
+        base_link, or centre_of_gravity if the reference point is not zero.
     :param options: how to read a bag; default: with the sensor configuration of the model.
     :param force: replace an earlier bag at `out`.
     :raises UsageError: an argument is invalid, or `out` exists.
@@ -234,7 +237,7 @@ def replay(
         koopman,
         settings,
         recording.options,
-        None if target is None else ReplayOutput(target, with_horizon),
+        None if target is None else ReplayOutput(target, with_horizon, frame_id),
         in_stage(progress, f"replaying {recording.name}"),
     )
     held_out = score_held_out(

@@ -76,9 +76,12 @@ def replay(
     """
     from adk_ros.api.model import load_model
     from adk_ros.api.replay import replay as run
+    from adk_ros.ros.parameter_file import read_parameter_file
 
     trained = load_model(model)
     options = read_options(imu, odometry, command, no_imu, params, trained.sensors)
+    # Not part of the options, which say how a recording is read.
+    frame_id = "" if params is None else read_parameter_file(params)[0]["frame_id"]
     with console.stages() as progress:
         result = run(
             bag,
@@ -89,6 +92,7 @@ def replay(
             ridge=ridge,
             horizon_s=horizon,
             with_horizon=with_horizon,
+            frame_id=frame_id,
             options=options,
             force=force,
             progress=progress,

@@ -42,10 +42,15 @@ Progress = Callable[[int, int], None]
 
 @dataclass(frozen=True)
 class ReplayOutput:
-    """Bag to write: the predicted twists, the odometry, and optionally the horizons."""
+    """
+    Bag to write: the predicted twists, the odometry, and optionally the horizons.
+
+    `frame_id`: the node's parameter of that name, the frame of the predictions.
+    """
 
     path: Path
     with_horizon: bool = False
+    frame_id: str = ""
 
 
 def predictions(
@@ -102,7 +107,8 @@ def replay(
                     writer.add_topic(COVARIANCE_TOPIC, COVARIANCE_TYPE)
                 for topic, _, log_ns, content in bag.raw([odometry]):
                     writer.write(topic, content, log_ns)
-                frame_id = published_frame("", settings.sensors.reference_point)
+                point = settings.sensors.reference_point
+                frame_id = published_frame(output.frame_id, point)
                 for log_ns, prediction in stream:
                     made.append(_without_covariance(prediction))
                     writer.write(TWIST_TOPIC, twist_message(prediction, frame_id), log_ns)

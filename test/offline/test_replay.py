@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers.node import write_bag, write_model
 from helpers.train import (
     bag,
     changed_streams,
@@ -127,6 +128,31 @@ def test_predictions_of_another_point_are_labelled_so(model: KoopmanModel, tmp_p
             msg.header.frame_id for _, _, msg in opened.messages([TWIST_TOPIC, HORIZON_TOPIC])
         }
     assert frames == {"centre_of_gravity"}
+
+
+@pytest.mark.parametrize(
+    ("parameters", "frame"),
+    [
+        ("frame_id: cog", "cog"),
+        ("{frame_id: cog, reference_point: [1.2, 0.0]}", "cog"),
+        ("reference_point: [1.2, 0.0]", "centre_of_gravity"),
+        ("use_imu: auto", "base_link"),
+    ],
+)
+def test_the_frame_is_that_of_the_node_with_the_same_parameters(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], parameters: str, frame: str
+) -> None:
+    params = tmp_path / "predictor.yaml"
+    params.write_text(f"/**:\n  ros__parameters:\n    {parameters}\n")
+    recording = write_bag(tmp_path / "bag", 4.0)
+    model, out = write_model(tmp_path / "model"), tmp_path / "p"
+    arguments = ["--model", model, "--params", params, "--out", out, "--with-horizon"]
+    adk(capsys, recording, *arguments)
+    with Bag(out) as opened:
+        frames = {
+            msg.header.frame_id for _, _, msg in opened.messages([TWIST_TOPIC, HORIZON_TOPIC])
+        }
+    assert frames == {frame}
 
 
 def test_a_replay_says_that_the_encoder_is_not_compiled(
