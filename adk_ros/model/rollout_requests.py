@@ -15,6 +15,7 @@ from adk_ros.model.drivable import is_drivable
 from adk_ros.model.pipeline import Pipeline
 from adk_ros.model.prediction import Status
 from adk_ros.numerics.arrays import FloatArray
+from adk_ros.numerics.numba_cache import strict_kernel
 
 MAX_STEPS = 160_000
 """
@@ -26,6 +27,25 @@ as many leave it half of the 25 ms between two samples.
 COLUMNS = ("v_x", "v_y", "yaw_rate", "drivable")
 """Of an answer: the state, SI, and 1 where the candidate's motion is drivable, else 0."""
 _READY = (Status.PREDICTED, Status.COASTING)
+
+
+@strict_kernel
+def with_drivable(present: FloatArray, states: FloatArray) -> FloatArray:
+    """
+    Return `states` (k, h, 3) as (k, h, 4), with 1 last if the candidate is drivable, else 0.
+
+    One call for all candidates: a call for each takes longer than the rollout of short ones.
+
+    :param present: state (3,) that all candidates start from, SI.
+    """
+    answer = np.empty((states.shape[0], states.shape[1], 4))
+    for k in range(states.shape[0]):
+        drivable = 1.0 if is_drivable(present, states[k]) else 0.0
+        for j in range(states.shape[1]):
+            for i in range(3):
+                answer[k, j, i] = states[k, j, i]
+            answer[k, j, 3] = drivable
+    return answer
 
 
 class RefusedRequest(Exception):
@@ -67,11 +87,7 @@ class RolloutRequests:
             states = predictor.roll_out_many(commands)
         except UsageError as error:
             raise self._refusal("not predictable", str(error)) from None
-        present = predictor.filtered_state
-        drivable = [is_drivable(present, candidate) for candidate in states]
-        flags = np.repeat(np.array(drivable, dtype=np.float64), states.shape[1])
-        answer = np.concatenate([states, flags.reshape(*states.shape[:2], 1)], axis=2)
-        return prediction.origin_ns, answer
+        return prediction.origin_ns, with_drivable(predictor.filtered_state, states)
 
     def _commands(self, shape: tuple[int, ...], values: ArrayLike) -> FloatArray:
         if len(shape) != 3 or shape[-1] != 2 or min(shape) < 1:

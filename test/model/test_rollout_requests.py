@@ -10,7 +10,8 @@ import pytest
 from helpers.node import Rig, write_model
 
 from adk_ros.model import artefact
-from adk_ros.model.rollout_requests import MAX_STEPS, RefusedRequest
+from adk_ros.model.drivable import is_drivable
+from adk_ros.model.rollout_requests import MAX_STEPS, RefusedRequest, with_drivable
 
 
 @pytest.fixture(scope="module")
@@ -39,6 +40,19 @@ def test_a_candidate_that_no_vehicle_follows_is_marked(rig: Rig) -> None:
     assert np.isfinite(states).all()
     assert states[0, :, 3].tolist() == [1.0] * 80
     assert states[1, :, 3].tolist() == [0.0] * 80
+
+
+def test_all_candidates_are_judged_as_each_by_itself() -> None:
+    rng = np.random.default_rng(2)
+    present = np.array([20.0, 0.3, 0.1])
+    states = present + rng.normal(0.0, [2.0, 1.0, 0.5], (300, 3, 3))
+    for k, unusable in enumerate([math.nan, math.inf, -math.inf, 500.0]):
+        states[3 * k, 1, k % 3] = unusable
+    answer = with_drivable(present, states)
+    expected = [float(is_drivable(present, candidate)) for candidate in states]
+    assert 0.1 < np.mean(expected) < 0.9
+    np.testing.assert_array_equal(answer[..., :3], states)
+    np.testing.assert_array_equal(answer[..., 3], np.repeat(expected, 3).reshape(300, 3))
 
 
 @pytest.mark.parametrize(
