@@ -212,5 +212,9 @@ def _show(found: FleetMismatch) -> None:
         console.note(f"--limit: {found.left} recordings are not analysed")
     for name, reason in found.failed:
         console.output.print(f"not used: {name}: {reason}", markup=False)
+    for each in recordings:
+        if each.note:
+            text = f"taken from an earlier pass: {each.name}: {each.note}"
+            console.output.print(text, markup=False)
     console.flush()
     console.note(f"report: {found.page}")
