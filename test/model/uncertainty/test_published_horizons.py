@@ -57,7 +57,7 @@ def recomputed(made: list[Prediction | None], flags: dict[int, int], steps: int)
             factor[h] = np.clip(factor[h] + GAIN * (missed - 0.1), -math.log(4), math.log(4))
             count[h] = FORGETTING * count[h] + 1.0
             covariance[h] += (np.outer(error, error) - covariance[h]) / count[h]
-        if not flags.get(k, 0) & int(Flag.COASTING):
+        if not flags.get(k, 0) & int(Flag.COASTING | Flag.ODOMETRY_STALE):
             number += 1
             if number % ROLLOUT_STRIDE == 0:
                 s = np.exp(factor)
