@@ -21,6 +21,8 @@ is gone. The message lists the findings, worst level first; the values hold all 
 | WARN | no IMU, but the model was trained with one | `no IMU: ...; the model ...` |
 | WARN | no message of the IMU can be used | `IMU is unused: yaw rate from odometry (...)` |
 | WARN | a topic stopped, predictions continue | `command timeout (3.2 s): ...` |
+| WARN | the report of the steering angle stopped | `steering timeout (1.2 s): commanded ...` |
+| WARN | odometry is late at every sample | `odometry arrives more than max_wait_s ...` |
 | WARN | no odometry, predictions continue | `coasting for n samples: ...` |
 | WARN | a sensor repeats its values in motion | `IMU frozen: ...`, `odometry frozen: ...` |
 | WARN | readings contradict the prediction | `2 odometry readings rejected: v_x 37.8 m/s, ...` |
@@ -52,7 +54,7 @@ is gone. The message lists the findings, worst level first; the values hold all 
 | ERROR | - wrong stamps | `no predictions: odometry stamps are stuck: ...` |
 | ERROR | - no simulation time | `no predictions: ... simulation time has not started` |
 | ERROR | - other | `no predictions: odometry is frozen`, `... no prediction is finite` |
-| ERROR | `use_imu` is `required`, no IMU | `no IMU, but use_imu is 'required'` |
+| ERROR | `use_imu` is `required`, no IMU | `no IMU, but use_imu is 'required' (...)` |
 | ERROR | an exception was caught, state reset | `n internal errors, last: ...` |
 | ERROR | no vehicle can move as predicted | `n predictions withheld: no vehicle ...` |
 | ERROR | a prediction was not finite | `n predictions withheld: not finite` |
