@@ -163,10 +163,12 @@ def test_a_run_with_nothing_to_do_starts_no_worker(drives, tmp_path, capsys) -> 
 
 def test_the_vehicle_is_found_from_any_folder(drives, tmp_path, monkeypatch) -> None:
     stages = []
-    monkeypatch.setattr(
-        "adk_ros.api.fleet.fleet_run.run_fleet",
-        lambda stage, *_: stages.append(stage) or RunSummary(0, 0, 0, 0.0, {}),
-    )
+
+    def note(stage, *_):
+        stages.append(stage)
+        return RunSummary(0, 0, 0, 0.0, {})
+
+    monkeypatch.setattr("adk_ros.api.fleet.fleet_run.run_fleet", note)
     monkeypatch.chdir(tmp_path)
     Path("vehicle.yaml").write_text("mass: 1")
     for name in ("vehicle.yaml", "imdv"):

@@ -71,10 +71,10 @@ def test_tags_of_a_bucket(store) -> None:
     assert listed_recordings(["s3://fleet/drives"], options)[1].tags == {}
     table = b"recording,vehicle,time,rain\ncar/b,car 1,,yes\na.mcap,car 2,,no\n"
     boto3.client("s3").put_object(Bucket="fleet", Key="drives/fleet.csv", Body=table)
-    _, table = listed_recordings(["s3://fleet/drives"], options)
-    assert table.tags["car/b.mcap"] == Tags("car 1", None, {"rain": "yes"})
-    _, table = listed_recordings(["s3://fleet/drives/*/*.mcap"], options)
-    assert {name: each.vehicle for name, each in table.tags.items()} == {"b.mcap": "car 1"}
+    _, found = listed_recordings(["s3://fleet/drives"], options)
+    assert found.tags["car/b.mcap"] == Tags("car 1", None, {"rain": "yes"})
+    _, found = listed_recordings(["s3://fleet/drives/*/*.mcap"], options)
+    assert {name: each.vehicle for name, each in found.tags.items()} == {"b.mcap": "car 1"}
 
 
 @pytest.mark.slow(seconds=15)

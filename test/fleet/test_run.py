@@ -22,7 +22,7 @@ from types import SimpleNamespace
 import psutil
 import pytest
 from helpers.fleet import compared, text_fleet, text_stage
-from pyarrow.parquet import ParquetFile
+from pyarrow.parquet import ParquetFile  # type: ignore[import-untyped, unused-ignore]
 
 from adk_ros.api.fleet.results import fleet_frame, fleet_summary
 from adk_ros.bench.fleet.disturbed_runs import RunningCluster, environment
@@ -427,11 +427,12 @@ def test_a_summary_reads_no_details(tmp_path, monkeypatch) -> None:
     recordings = text_fleet(tmp_path / "drives", {"a": "ok 1", "b": "damaged"})
     run_stage(text_stage(tmp_path / "log"), recordings, tmp_path / "out", fake_cluster)
     read, columns = ParquetFile.read, []
-    monkeypatch.setattr(
-        ParquetFile,
-        "read",
-        lambda *given, **named: columns.extend(named["columns"]) or read(*given, **named),
-    )
+
+    def noted(*given, **named):
+        columns.extend(named["columns"])
+        return read(*given, **named)
+
+    monkeypatch.setattr(ParquetFile, "read", noted)
     (summary,) = fleet_summary(tmp_path / "out")
     assert (summary["recordings"], summary["failed"]) == (2, {"unusable": 1})
     assert summary["reasons"] == {"b.mcap": "b.mcap is damaged"}

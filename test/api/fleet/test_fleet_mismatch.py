@@ -85,7 +85,7 @@ def test_only_results_of_the_stage_are_combined(tmp_path: Path) -> None:
 
     def row(name: str, content: str = "", at: StageVersion = version) -> dict[str, object]:
         content = content or f"that of {name}"
-        key = {"key": at.key(content), "content_hash": content}
+        key: dict[str, object] = {"key": at.key(content), "content_hash": content}
         return {"recording": name, "status": "ok", "details": text} | key
 
     dataset.append(

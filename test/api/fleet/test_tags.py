@@ -29,7 +29,7 @@ def drives(tmp_path: Path) -> Path:
 @pytest.fixture
 def stage(tmp_path: Path, drives: Path) -> TextStage:
     """Return a stage whose results are there: its runs start no worker."""
-    made = text_stage(tmp_path / "log")
+    made: TextStage = text_stage(tmp_path / "log")
     filled(drives, tmp_path / "out", made)
     return made
 

@@ -171,7 +171,9 @@ def test_evidence_is_grouped_in_one_pass(monkeypatch: pytest.MonkeyPatch) -> Non
         assert [row["value"] for row in rows[1:]] == [*range(0, 600, 2), *range(1, 600, 2)]
         raise Finished
 
-    found = [CountedRow(recording="ab"[i % 2] + f"{i:03d}", value=i) for i in range(600)]
+    found: list[Row] = [
+        CountedRow(recording="ab"[i % 2] + f"{i:03d}", value=i) for i in range(600)
+    ]
     simulation: Any = SimpleNamespace(evidence=SimpleNamespace(to_row=dict))
     monkeypatch.setattr("adk_ros.fleet.inference.analysis.estimate_fleet", estimate)
     with pytest.raises(Finished):
