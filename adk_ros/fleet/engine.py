@@ -74,9 +74,10 @@ def run_tasks(
         try:
             future = cluster.client.submit(perform, task, key=(group, number), pure=False)
         except Exception:
+            # Whatever a closed client raises, which differs between versions of Dask.
             if cluster.is_connected:
                 raise
-            return  # The client has just closed: all tasks are submitted to the next one.
+            return  # All tasks are submitted to the next client.
         running[number] = _Running(task, losses, future)
         future.add_done_callback(lambda future: ended.put((number, future)))
 

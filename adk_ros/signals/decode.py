@@ -35,8 +35,8 @@ MAX_FORCE = 500.0
 _MAX_GYRO_RATE = MAX_YAW_RATE * 57.3
 """rad/s for the gyro: a gyro in deg/s is accepted, so that `plausibility` can name the fault."""
 _MAX_GYRO_AGE_NS = 200_000_000
-"""ns between velocity and yaw rate where odometry has none of its own: a message of a 5 Hz IMU. A
-car that leaves a bend changes its yaw rate by 0.1 rad/s meanwhile."""
+"""ns between a velocity and the yaw rate used where odometry has none. By choice: the period of a
+5 Hz IMU, in which a yaw acceleration of 0.5 rad/s² changes the yaw rate by 0.1 rad/s."""
 
 _MAX_STAMP_NS = (2**31 - 10) * 1_000_000_000
 """ns from which stamps are refused: builtin_interfaces/Time ends at 2^31 s, the longest horizon is

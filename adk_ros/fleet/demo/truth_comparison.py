@@ -17,10 +17,9 @@ from typing import Any
 
 from adk_ros.fleet.inference.evidence import column_of
 from adk_ros.fleet.inference.fleet_result import Claim, FleetResult, PlaceClaim
-from adk_ros.fleet.inference.levels import RAMP, STEP, Level
+from adk_ros.fleet.inference.levels import TRENDS, Level, is_trend
 from adk_ros.fleet.inference.place_evidence import CELL_M
 
-_TRENDS = frozenset({STEP, RAMP})
 _ON_PLACE_M = CELL_M * math.sqrt(0.5)
 """Distance from the centre of a cell to its corners, m."""
 
@@ -100,12 +99,12 @@ class _Injected:
         level = self.level
         if claim.effect != self.effect or claim.car != level.car:
             return False
-        if level.kind in _TRENDS:
-            return claim.kind in _TRENDS
+        if is_trend(level):
+            return claim.kind in TRENDS
         return (claim.kind, claim.tag, claim.value) == (level.kind, level.tag, level.value)
 
     def is_tie_of(self, claim: Claim) -> bool:
-        if self.level.kind not in _TRENDS:
+        if not is_trend(self.level):
             return self.text in claim.ties
         where = f" on in {self.level.car or 'all cars'})"
         return any(t.startswith(f"{self.effect} (") and t.endswith(where) for t in claim.ties)

@@ -19,6 +19,8 @@ from adk_ros.fleet.inference.fleet_evidence import FleetEvidence
 from adk_ros.numerics.arrays import FloatArray
 
 SHARED, CAR, CONDITION, STEP, RAMP = "shared", "car", "condition", "step", "ramp"
+TRENDS = frozenset({STEP, RAMP})
+"""Kinds of levels that are a change in time."""
 MIN_RECORDINGS = 3
 """Least recordings with and without a level: two determine no scatter among them and a size."""
 BOUND_DEVIATIONS = 2.0
@@ -121,4 +123,4 @@ def same_recordings(fleet: FleetEvidence, level: Level, others: list[Level]) -> 
 
 def is_trend(level: Level) -> bool:
     """Whether a level is a change in time."""
-    return level.kind in {STEP, RAMP}
+    return level.kind in TRENDS
