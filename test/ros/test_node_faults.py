@@ -735,14 +735,20 @@ def test_slow_streams_are_completed_by_the_clock(
         assert repr(by_clock[stamp_ns]) == repr(by_data[stamp_ns])
 
 
-def test_the_clock_waits_for_streams_that_are_slow_and_late(model: KoopmanModel) -> None:
+def test_the_clock_waits_for_streams_that_are_slow_and_late(
+    model: KoopmanModel, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Stamps 0.2 s behind: the clock must not complete samples before their readings arrive."""
     counts = []
     for watch in (True, False):
         rig = Rig(model, rates=Rates(imu_hz=0.0, odometry_hz=10.0, command_hz=10.0))
         rig.stamp_offset_ns -= 200_000_000
         timer = rig.core.on_timer
-        rig.core.on_timer = lambda now_ns, timer=timer: timer(now_ns + 200_000_000)  # type: ignore[method-assign, misc]
+
+        def ahead_of_the_stamps(now_ns: int, timer: Callable[[int], None] = timer) -> None:
+            timer(now_ns + 200_000_000)
+
+        monkeypatch.setattr(rig.core, "on_timer", ahead_of_the_stamps)
         rig.drive(10.0, watch=watch)
         late = {s: rig.pipeline.aligner.counts_by_source["late", s] for s in Source}
         counts.append((len(rig.published), late[Source.ODOMETRY], late[Source.COMMAND]))
