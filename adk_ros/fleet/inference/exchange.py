@@ -5,24 +5,31 @@ One or two effects in place of one: what a forward selection cannot undo by itse
 
 A forward selection may take what resembles two effects together, such as less downforce for softer
 tyres of both axles, or of two similar effects the one that was nearer before others were claimed.
-So each claim is left out in turn, what is then selected takes its place, and the more likely model
-stays: a further parameter must raise the logarithm of the likelihood by the penalty of one
-(`criteria.PENALTY_PER_PARAMETER`).
+So each claim is left out in turn. What is then selected takes its place, or the most likely other
+effect in the same recordings, and the more likely model stays: a further parameter must raise the
+logarithm of the likelihood by the penalty of one (`criteria.PENALTY_PER_PARAMETER`).
 """
 
 from __future__ import annotations
 
 from dataclasses import replace
 
-from adk_ros.fleet.inference.assessment import Assessment
-from adk_ros.fleet.inference.fleet_candidates import identity
-from adk_ros.fleet.inference.fleet_model import Candidate, FleetModel, likelihood
+from adk_ros.fleet.inference.assessment import Assessment, extended
+from adk_ros.fleet.inference.fleet_candidates import Identity, identity
+from adk_ros.fleet.inference.fleet_model import (
+    Candidate,
+    FleetModel,
+    likelihood,
+    remaining_excess,
+)
 from adk_ros.fleet.inference.fleet_selection import Selection
 from adk_ros.fleet.inference.levels import CAR, CONDITION, SHARED, Level, is_trend
 from adk_ros.mismatch.library.criteria import PENALTY_PER_PARAMETER
 
 _LEAST_SHARE = 0.5
 """Share of a claim's evidence below which nothing is tried in its place. By choice."""
+_EXAMINED = 4
+"""Candidates for the same recordings that are fitted in place of a claim. By choice."""
 _MOST_EXCHANGES = 6
 """Exchanges after which the model stays as it is; bounds the time. By choice."""
 
@@ -96,6 +103,9 @@ def _without(selection: Selection, model: FleetModel, claim: Assessment) -> Flee
         other, _ = selection.with_claim(rest, single)
         if likelihood(selection.fleet, other) > least:
             return other
+    swapped = _with_a_likelier_one(selection, rest, claim.candidate, least)
+    if swapped is not None:
+        return swapped
     level = claim.candidate.level
     if level.car:
         # Two effects imitate one of a car more often than a car has two that one imitates.
@@ -103,3 +113,39 @@ def _without(selection: Selection, model: FleetModel, claim: Assessment) -> Flee
     least += 0.5 * PENALTY_PER_PARAMETER
     pairs = selection.pairs(rest, refused, lambda other: other == level, 0.5 * floor, least)
     return next((both for both in pairs if likelihood(selection.fleet, both) > least), None)
+
+
+def _with_a_likelier_one(
+    selection: Selection, rest: FleetModel, claim: Candidate, least: float
+) -> FleetModel | None:
+    """
+    Return the most likely model with another effect in the recordings of a claim, if any.
+
+    `rest`: the model without the claim; `least`: what the logarithm of the likelihood must exceed.
+    Evidence is of the size of an effect alone. An effect that all cars have as well may have much
+    in one car, since the cars then seem to differ less, though another one leaves less of the
+    loss: a torque offset for a brake that drags on one side.
+    """
+    excess = remaining_excess(selection.fleet, rest)
+    examined: set[Identity] = set()
+    best: Assessment | None = None
+    for _, candidate in selection.ranked(rest, excess):
+        known = identity(candidate)
+        if len(examined) == _EXAMINED:
+            break
+        if known in examined or known == identity(claim) or not _is_alike(candidate, claim):
+            continue
+        examined.add(known)
+        found = selection.with_fitted_onset(rest, selection.assess(rest, candidate))
+        if not selection.is_claimable(found) or not selection.explains(rest, found, excess):
+            continue
+        exceeded = likelihood(selection.fleet, extended(rest, found))
+        if exceeded > least:
+            best, least = found, exceeded
+    return None if best is None else selection.with_claim(rest, best)[0]
+
+
+def _is_alike(candidate: Candidate, claim: Candidate) -> bool:
+    """Whether a candidate acts in the recordings of a claim: those of its level, or of its car."""
+    a, b = candidate.level, claim.level
+    return replace(a, onset=0.0) == replace(b, onset=0.0) or (a.car != "" and a.car == b.car)

@@ -19,7 +19,7 @@ from adk_ros.fleet.inference.fleet_model import (
     strangers_of,
 )
 from adk_ros.fleet.inference.fleet_selection import Selection
-from adk_ros.fleet.inference.levels import CAR, SHARED, Level
+from adk_ros.fleet.inference.levels import CAR, RAMP, SHARED, Level
 from adk_ros.fleet.inference.numerical_fleet import FleetPlan, Injection, draw_fleet
 from adk_ros.fleet.inference.saved_loss import SavedLoss, best_half
 from adk_ros.fleet.inference.simplification import explaining
@@ -72,6 +72,24 @@ def test_an_effect_that_resembles_two_is_exchanged_for_them() -> None:
     )
     found = selection.select(exchanged(selection, selection.refitted(model)))
     assert claimed(fleet, found) == {(one.key, "all cars") for one in pair}
+
+
+def test_a_claim_is_exchanged_for_a_likelier_one_of_less_evidence() -> None:
+    """What all cars lack of one effect seems to be a drift, where another one drifts in a car."""
+    wind, downforce = "crosswind.wind_y", "aero_downforce.cla"
+    drift = Level(RAMP, car="car04", onset=40.0)
+    injections = (Injection(wind, Level(SHARED), -2.0), Injection(downforce, drift, 20.0))
+    plan = FleetPlan(recordings=36, effects=8, deviation=0.02, bias=0.0, injections=injections)
+    fleet = draw_fleet(3, plan)
+    selection = Selection(fleet)
+    column = fleet.columns.effects.index(wind)
+    wrong = tuple(Candidate(column, at, at.design(fleet)) for at in (Level(SHARED), drift))
+    found = exchanged(selection, selection.refitted(FleetModel(wrong, {})))
+    levels = {fleet.columns.effects[c.effect]: c.level for c in found.claimed}
+    assert set(levels) == {wind, downforce}
+    assert levels[wind] == Level(SHARED)
+    assert replace(levels[downforce], onset=40.0) == drift
+    assert 30.0 < levels[downforce].onset < 42.0
 
 
 def test_saved_loss_agrees_with_the_loss_of_a_claim() -> None:
