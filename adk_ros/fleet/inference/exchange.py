@@ -121,7 +121,8 @@ def _with_a_likelier_one(
     """
     Return the most likely model with another effect in the recordings of a claim, if any.
 
-    `rest`: the model without the claim; `least`: what the logarithm of the likelihood must exceed.
+    `rest`: the model without the claim; `least`: what the logarithm of the likelihood must exceed,
+    by half a parameter's penalty where a change point is added.
     Evidence is of the size of an effect alone. An effect that all cars have as well may have much
     in one car, since the cars then seem to differ less, though another one leaves less of the
     loss: a torque offset for a brake that drags on one side.
@@ -133,19 +134,22 @@ def _with_a_likelier_one(
         known = identity(candidate)
         if len(examined) == _EXAMINED:
             break
-        if known in examined or known == identity(claim) or not _is_alike(candidate, claim):
+        if known in examined or not _is_alike(candidate, claim):
             continue
         examined.add(known)
         found = selection.with_fitted_onset(rest, selection.assess(rest, candidate))
         if not selection.is_claimable(found) or not selection.explains(rest, found, excess):
             continue
         exceeded = likelihood(selection.fleet, extended(rest, found))
+        if is_trend(candidate.level) and not is_trend(claim.level):
+            exceeded -= 0.5 * PENALTY_PER_PARAMETER
         if exceeded > least:
             best, least = found, exceeded
     return None if best is None else selection.with_claim(rest, best)[0]
 
 
 def _is_alike(candidate: Candidate, claim: Candidate) -> bool:
-    """Whether a candidate acts in the recordings of a claim: those of its level, or of its car."""
+    """Whether a candidate is another effect in recordings of a claim: at its level, or its car."""
     a, b = candidate.level, claim.level
-    return replace(a, onset=0.0) == replace(b, onset=0.0) or (a.car != "" and a.car == b.car)
+    of_same = replace(a, onset=0.0) == replace(b, onset=0.0) or (a.car != "" and a.car == b.car)
+    return of_same and candidate.effect != claim.effect
