@@ -4,8 +4,9 @@
 Effects at places of a fleet: the same cell of the map, on several recordings.
 
 Each cell is tested for each parameter against an empirical null (`cell_tests`).
-The most significant cell is taken, with the adjoining ones that are significant for the same
-parameter; its effect is subtracted, and the search goes on.
+The most significant cell says that something acts there. What it is, the cells around say as well:
+of all effects the one that gains most there is taken, with the adjoining cells that show it. It is
+subtracted, and the search goes on.
 """
 
 from __future__ import annotations
@@ -31,6 +32,11 @@ _REACH = 3
 """
 Cells from a place within which there is no second one: a block of residuals, 5 s, in which they
 count as dependent (`mismatch.inference.block_scores`), passes three cells of 60 m at 130 km/h.
+"""
+_SHOWS = 0.05
+"""
+Largest p-value, of a single test, of a cell that shows the effect of a place. By choice: where
+something acts is decided by the significance of one cell.
 """
 _MAX_PLACES = 20
 """Most places of a selection; bounds the time. By choice."""
@@ -175,14 +181,11 @@ class PlaceData:
         cells = [cell for cell in place.cells if cell in tests]
         if not cells:
             return None
-        weights = np.array([1.0 / tests[cell].variance for cell in cells])
-        left = float(weights @ np.array([tests[cell].size for cell in cells]) / weights.sum())
-        whole = [replace(tests[cell], size=place.size + tests[cell].size) for cell in cells]
-        best = min(whole, key=_rank)
-        size = place.size + left
-        if p_value(best) >= significance or not is_claimable(place.key, replace(best, size=size)):
+        whole = _together([tests[cell] for cell in cells])
+        whole = replace(whole, size=place.size + whole.size)
+        if p_value(whole) >= significance or not is_claimable(place.key, whole):
             return None
-        return replace(place, size=size)
+        return replace(place, size=whole.size)
 
     def _tests_of(self, k: int, scores: Mapping[Cell, FloatArray]) -> dict[Cell, CellTest]:
         """Return the size of a parameter at each cell against the empirical null."""
@@ -218,43 +221,80 @@ class PlaceData:
         blocked: set[tuple[Cell, str]],
     ) -> Place | None:
         """Return the place of the most significant cell, all tests against the null."""
-        tests: dict[tuple[Cell, str], CellTest] = {}
-        for k, key in enumerate(self.keys):
-            tests |= {(cell, key): test for cell, test in self._tests_of(k, scores).items()}
+        tests = {key: self._tests_of(k, scores) for k, key in enumerate(self.keys)}
         good = {
-            pair: test
-            for pair, test in tests.items()
-            if p_value(test) < significance and pair not in blocked and is_claimable(pair[1], test)
+            (cell, key): test
+            for key, of_key in tests.items()
+            for cell, test in of_key.items()
+            if p_value(test) < significance
+            and (cell, key) not in blocked
+            and is_claimable(key, test)
         }
         if not good:
             return None
-        seed, key = min(good, key=lambda pair: _rank(good[pair]))
-        same = {cell for cell, of in good if of == key}
-        same = {c for c in same if np.sign(good[c, key].size) == np.sign(good[seed, key].size)}
-        cells = _connected(seed, same)
-        members = [tests[cell, key] for cell in cells]
-        weights = np.array([1.0 / test.variance for test in members])
-        size = float(weights @ np.array([test.size for test in members]) / weights.sum())
-        gains = {
-            other: sum(tests[cell, other].gain for cell in cells if (cell, other) in tests)
-            for other in self.keys
+        seed, found = min(good, key=lambda pair: _rank(good[pair]))
+        shown = {
+            key: cells
+            for key in self.keys
+            if (cells := _cells_that_show(key, seed, tests[key], significance, blocked))
+        }
+        gains = {key: sum(tests[key][cell].gain for cell in cells) for key, cells in shown.items()}
+        key = max(gains, key=gains.__getitem__)
+        cells = shown[key]
+        # What acts elsewhere may explain these cells as well.
+        there = {
+            other: sum(of_key[cell].gain for cell in cells if cell in of_key)
+            for other, of_key in tests.items()
         }
         alternatives = tuple(
             other
             for other in self.keys
-            if other != key and gains[key] - gains[other] < INDISTINGUISHABLE_LOSS
+            if other != key and gains[key] - there[other] < INDISTINGUISHABLE_LOSS
         )
-        best = min(members, key=_rank)
+        whole = _together([tests[key][cell] for cell in cells])
         return Place(
             key,
             tuple(sorted(cells, key=lambda c: (c.x, c.y, c.direction))),
-            size,
-            float(np.sqrt(1.0 / weights.sum() + SYSTEMATIC_ERROR_PER_MATERIALITY**2)),
-            best.freedom,
-            p_value(best),
+            whole.size,
+            float(np.sqrt(whole.variance + SYSTEMATIC_ERROR_PER_MATERIALITY**2)),
+            whole.freedom,
+            min(p_value(whole), p_value(good[seed, found])),
             max(len(self.cells[cell].recordings) for cell in cells),
             alternatives,
         )
+
+
+def _cells_that_show(
+    key: str,
+    seed: Cell,
+    tests: Mapping[Cell, CellTest],
+    significance: float,
+    blocked: set[tuple[Cell, str]],
+) -> list[Cell]:
+    """
+    Return the connected cells that show an effect of one sign, none if the seed does not.
+
+    Within reach of the seed those whose single test shows it, beyond it the significant ones.
+    """
+    start = tests.get(seed)
+    if start is None or p_value(start) >= _SHOWS or not is_claimable(key, start):
+        return []
+    alike = {
+        cell
+        for cell, test in tests.items()
+        if (cell, key) not in blocked
+        and np.sign(test.size) == np.sign(start.size)
+        and is_claimable(key, test)
+        and p_value(test) < (_SHOWS if _is_near(cell, seed) else significance)
+    }
+    return _connected(seed, alike) if seed in alike else []
+
+
+def _together(tests: Sequence[CellTest]) -> CellTest:
+    """Return the test of one size in all cells, with the fewest degrees of freedom of any."""
+    weights = np.array([1.0 / test.variance for test in tests])
+    size = float(weights @ np.array([test.size for test in tests]) / weights.sum())
+    return CellTest(size, float(1.0 / weights.sum()), min(test.freedom for test in tests))
 
 
 def _rank(test: CellTest) -> tuple[float, float]:

@@ -71,30 +71,53 @@ def test_an_effect_at_a_place_is_found_with_its_cells() -> None:
     assert place.interval[0] < 6.0 < place.interval[1]
 
 
-def test_the_most_significant_effect_is_taken_and_not_the_largest_gain() -> None:
-    """The surrogate's error feigns the one effect everywhere, so that its size says little."""
-    keys, sizes, feigned = ("road_bank.bank", "road_grade.grade"), (15.0, 6.0), (1.5, 0.1)
+def _rows_of_two(cells: tuple[int, ...], sizes: dict[int, tuple[float, float]]) -> list[Row]:
+    """
+    Return rows at cells of a line, with the sizes of a bank and a grade in some of them.
+
+    The surrogate's error feigns the bank everywhere, so that its size says little.
+    """
+    feigned = np.array([1.5, 0.1])
     rng = np.random.default_rng(1)
     rows: list[Row] = []
-    for x in range(CELLS):
-        everywhere = np.array(feigned) * rng.standard_normal(2)
-        acts = np.array(sizes) if x == 20 else np.zeros(2)
+    for x in cells:
+        everywhere = feigned * rng.standard_normal(2)
+        acts = np.array(sizes.get(x, (0.0, 0.0)))
         for name in NAMES:
             row = {
                 "schema": SCHEMA,
                 "kind": "place",
                 "recording": name,
-                "cell": Cell(5 * x, 0, 0).text,
+                "cell": Cell(x, 0, 0).text,
                 "counted_s": 4.0,
-                "effects": ",".join(keys),
+                "effects": "road_bank.bank,road_grade.grade",
                 "score": packed(acts + everywhere + rng.standard_normal(2)),
                 "information": packed(np.eye(2)),
                 "cross": np.zeros((2, 2), dtype="<f4").tobytes(),
             }
             rows.append(row)
-    first = _found(rows)[0]
+    return rows
+
+
+APART = tuple(range(200, 200 + 5 * CELLS, 5))
+"""Cells that do not adjoin."""
+
+
+def test_the_most_significant_effect_is_taken_and_not_the_largest_gain() -> None:
+    first = _found(_rows_of_two(APART, {300: (15.0, 6.0)}))[0]
     assert (first.key, first.alternatives) == ("road_grade.grade", ())
     assert first.interval[0] < 6.0 < first.interval[1]
+
+
+def test_an_effect_is_taken_that_the_cells_around_show_as_well() -> None:
+    """A bank of four cells, of which none is significant; in one of them a grade would be."""
+    sizes = {20: (10.0, 1.9), 21: (10.0, 0.0), 22: (10.0, 0.0), 23: (10.0, 0.0)}
+    (place,) = _found(_rows_of_two((20, 21, 22, 23, *APART), sizes))
+    assert (place.key, place.alternatives) == ("road_bank.bank", ())
+    assert {cell.x for cell in place.cells} == {20, 21, 22, 23}
+    assert place.interval[0] < 10.0 < place.interval[1]
+    (alone,) = _found(_rows_of_two((20, 21, 22, 23, *APART), {20: (0.0, 1.9)}))
+    assert (alone.key, [cell.x for cell in alone.cells]) == ("road_grade.grade", [20])
 
 
 def test_an_error_that_repeats_is_no_place_even_where_little_informs() -> None:
