@@ -4,8 +4,8 @@
 Calibration of the criteria on generated cases that no benchmark contains.
 
 - A correct result leaves an error of noise and of the surrogate model, and a share of the error
-  before the correction, since no equation is exact: `MAX_EXPLAINED_RATIO` and
-  `INEXACT_EQUATION_SHARE` are quantiles over correct results.
+  before the correction, since no equation is exact: quantiles over correct results are printed
+  next to `MAX_EXPLAINED_RATIO` and `INEXACT_EQUATION_SHARE`.
 - On clean cases no effect may gain what an effect must gain: the gain is given as a share of it.
 - The conditions of a further effect lie between absent and present ones (`selection_calibration`).
 - `SYSTEMATIC_ERROR_SHARE` is the least share with which 90 % of the intervals hold.

@@ -168,9 +168,9 @@ blocks: an equation with a relative error e leaves e² of its gain, here with e 
 CONFIDENCE_PER_SURROGATE_ERROR = 0.001
 """
 Share of the surrogate error by which the log-likelihood is tempered (see `inference.confidence`):
-that error repeats on every lap and favours one of two similar effects. From similar effects among
-the cases of `adk bench concealed --own --seed 3`. Calibrated: the most likely value was 0.0006 at
-bf901ba, with a Brier score that is lower by 0.001.
+that error repeats on every lap and favours one of two similar effects. Chosen on similar effects
+among the cases of `adk bench concealed --own --seed 3`. In the calibration at bf901ba the most
+likely value was 0.0006, with a Brier score that is lower by 0.001.
 """
 UNLISTED_ODDS = 0.054
 """

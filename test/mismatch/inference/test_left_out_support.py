@@ -137,6 +137,6 @@ def test_the_least_gain_of_a_feature_keeps_the_familywise_rate() -> None:
     oscillations = 8 * 8 * 240 + 3 * 15 * 240
     count = len(EQUATION_PARAMETERS) * (len(FEATURES) + modified + oscillations)
     assert 4e4 < count < 3e5
-    # What whitening leaves correlated about doubles a chi-square.
+    # Doubled, by choice, for what whitening leaves correlated.
     chance = 2.0 * chi2.isf(FAMILYWISE_ERROR_RATE / count, 2)
     assert pytest.approx(chance, rel=0.05) == FEATURE_MIN_GAIN
