@@ -5,16 +5,16 @@ One or two effects in place of one: what a forward selection cannot undo by itse
 
 A forward selection may take what resembles two effects together, such as less downforce for softer
 tyres of both axles, or of two similar effects the one that was nearer before others were claimed.
-So each claim is left out in turn. What is then selected takes its place, or the most likely other
-effect in the same recordings, and the more likely model stays: a further parameter must raise the
-logarithm of the likelihood by the penalty of one (`criteria.PENALTY_PER_PARAMETER`).
+So each claim is left out in turn. What is then selected takes its place, or the most likely of a
+few other effects of its level or car, and the more likely model stays: a further parameter must
+raise the logarithm of the likelihood by the penalty of one (`criteria.PENALTY_PER_PARAMETER`).
 """
 
 from __future__ import annotations
 
 from dataclasses import replace
 
-from adk_ros.fleet.inference.assessment import Assessment, extended
+from adk_ros.fleet.inference.assessment import Assessment
 from adk_ros.fleet.inference.fleet_candidates import Identity, identity
 from adk_ros.fleet.inference.fleet_model import (
     Candidate,
@@ -29,7 +29,7 @@ from adk_ros.mismatch.library.criteria import PENALTY_PER_PARAMETER
 _LEAST_SHARE = 0.5
 """Share of a claim's evidence below which nothing is tried in its place. By choice."""
 _EXAMINED = 4
-"""Candidates for the same recordings that are fitted in place of a claim. By choice."""
+"""Other effects of its level or car that are fitted in place of a claim. By choice."""
 _MOST_EXCHANGES = 6
 """Exchanges after which the model stays as it is; bounds the time. By choice."""
 
@@ -119,7 +119,7 @@ def _with_a_likelier_one(
     selection: Selection, rest: FleetModel, claim: Candidate, least: float
 ) -> FleetModel | None:
     """
-    Return the most likely model with another effect in the recordings of a claim, if any.
+    Return the model with the likeliest of a few other effects in place of a claim, if any is.
 
     `rest`: the model without the claim; `least`: what the logarithm of the likelihood must exceed,
     by half a parameter's penalty where a change point is added.
@@ -129,7 +129,7 @@ def _with_a_likelier_one(
     """
     excess = remaining_excess(selection.fleet, rest)
     examined: set[Identity] = set()
-    best: Assessment | None = None
+    best: FleetModel | None = None
     for _, candidate in selection.ranked(rest, excess):
         known = identity(candidate)
         if len(examined) == _EXAMINED:
@@ -140,16 +140,18 @@ def _with_a_likelier_one(
         found = selection.with_fitted_onset(rest, selection.assess(rest, candidate))
         if not selection.is_claimable(found) or not selection.explains(rest, found, excess):
             continue
-        exceeded = likelihood(selection.fleet, extended(rest, found))
+        # Both models are fitted in the same way, with the strangers that each leaves.
+        model, dropped = selection.with_claim(rest, found)
+        exceeded = likelihood(selection.fleet, model)
         if is_trend(candidate.level) and not is_trend(claim.level):
             exceeded -= 0.5 * PENALTY_PER_PARAMETER
-        if exceeded > least:
-            best, least = found, exceeded
-    return None if best is None else selection.with_claim(rest, best)[0]
+        if exceeded > least and not any(identity(one) == known for one in dropped):
+            best, least = model, exceeded
+    return best
 
 
 def _is_alike(candidate: Candidate, claim: Candidate) -> bool:
-    """Whether a candidate is another effect in recordings of a claim: at its level, or its car."""
+    """Whether a candidate is another effect at the level of a claim, or of its car."""
     a, b = candidate.level, claim.level
     of_same = replace(a, onset=0.0) == replace(b, onset=0.0) or (a.car != "" and a.car == b.car)
     return of_same and candidate.effect != claim.effect

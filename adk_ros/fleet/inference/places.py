@@ -35,8 +35,8 @@ count as dependent (`mismatch.inference.block_scores`), passes three cells of 60
 """
 _SHOWS = 0.05
 """
-Largest p-value, of a single test, of a cell that shows the effect of a place. By choice: where
-something acts is decided by the significance of one cell.
+Largest p-value, of a single test, of a cell near the most significant one that shows the effect of
+a place. By choice: whether something acts there is decided by the most significant cell.
 """
 _MAX_PLACES = 20
 """Most places of a selection; bounds the time. By choice."""
@@ -47,7 +47,8 @@ class Place:
     """
     An effect's parameter at cells, on several recordings; sizes in materiality thresholds.
 
-    `alternatives`: keys that explain the cells as well; `recordings`: number that pass there.
+    `alternatives`: keys that explain the cells as well; `recordings`: number that pass there;
+    `p_value`: of the most significant cell when it was found, of whatever effect.
     """
 
     key: str
@@ -175,7 +176,11 @@ class PlaceData:
     def _estimated_again(
         self, place: Place, scores: Mapping[Cell, FloatArray], significance: float
     ) -> Place | None:
-        """Return a place with what is left there added, None if it is not claimable any more."""
+        """
+        Return a place with what is left there added, None if it is not claimable any more.
+
+        A known place, of which one cell was significant, stays while its cells together are.
+        """
         k = self.keys.index(place.key)
         tests = self._tests_of(k, scores)
         cells = [cell for cell in place.cells if cell in tests]
@@ -238,27 +243,31 @@ class PlaceData:
             for key in self.keys
             if (cells := _cells_that_show(key, seed, tests[key], significance, blocked))
         }
-        gains = {key: sum(tests[key][cell].gain for cell in cells) for key, cells in shown.items()}
-        key = max(gains, key=gains.__getitem__)
-        cells = shown[key]
-        # What acts elsewhere may explain these cells as well.
-        there = {
-            other: sum(of_key[cell].gain for cell in cells if cell in of_key)
-            for other, of_key in tests.items()
+        together = {
+            key: _together([tests[key][cell] for cell in cells]) for key, cells in shown.items()
         }
+        possible = [key for key, test in together.items() if is_claimable(key, test)]
+        if not possible:
+            possible, shown[found], together[found] = [found], [seed], good[seed, found]
+        key = max(possible, key=lambda one: together[one].gain)
+        cells = shown[key]
         alternatives = tuple(
             other
             for other in self.keys
-            if other != key and gains[key] - there[other] < INDISTINGUISHABLE_LOSS
+            if other != key
+            and (there := [tests[other][cell] for cell in cells if cell in tests[other]])
+            and is_claimable(other, _together(there))
+            and together[key].gain - _together(there).gain < INDISTINGUISHABLE_LOSS
         )
-        whole = _together([tests[key][cell] for cell in cells])
+        # The surrogate's error is alike in adjoining cells: one size is no better known in many.
+        variance = min(tests[key][cell].variance for cell in cells)
         return Place(
             key,
             tuple(sorted(cells, key=lambda c: (c.x, c.y, c.direction))),
-            whole.size,
-            float(np.sqrt(whole.variance + SYSTEMATIC_ERROR_PER_MATERIALITY**2)),
-            whole.freedom,
-            min(p_value(whole), p_value(good[seed, found])),
+            together[key].size,
+            float(np.sqrt(variance + SYSTEMATIC_ERROR_PER_MATERIALITY**2)),
+            together[key].freedom,
+            p_value(good[seed, found]),
             max(len(self.cells[cell].recordings) for cell in cells),
             alternatives,
         )

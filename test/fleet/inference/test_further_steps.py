@@ -15,11 +15,12 @@ from adk_ros.fleet.inference.fleet_evidence import FleetEvidence
 from adk_ros.fleet.inference.fleet_model import (
     Candidate,
     FleetModel,
+    likelihood,
     remaining_excess,
     strangers_of,
 )
 from adk_ros.fleet.inference.fleet_selection import Selection
-from adk_ros.fleet.inference.levels import CAR, RAMP, SHARED, Level
+from adk_ros.fleet.inference.levels import CAR, RAMP, SHARED, STEP, Level
 from adk_ros.fleet.inference.numerical_fleet import FleetPlan, Injection, draw_fleet
 from adk_ros.fleet.inference.saved_loss import SavedLoss, best_half
 from adk_ros.fleet.inference.simplification import explaining
@@ -75,16 +76,28 @@ def test_an_effect_that_resembles_two_is_exchanged_for_them() -> None:
 
 
 def test_a_claim_is_exchanged_for_a_likelier_one_of_less_evidence() -> None:
-    """What all cars lack of one effect seems to be a drift, where another one drifts in a car."""
+    """What all cars have seems to drift in one, where another effect drifts there."""
     wind, downforce = "crosswind.wind_y", "aero_downforce.cla"
     drift = Level(RAMP, car="car04", onset=40.0)
-    injections = (Injection(wind, Level(SHARED), -2.0), Injection(downforce, drift, 20.0))
+    injections = (
+        Injection(wind, Level(SHARED), -2.0),
+        Injection(downforce, drift, 20.0),
+        Injection(wind, Level(STEP, car="car04", onset=50.0), 1.0),
+    )
     plan = FleetPlan(recordings=36, effects=8, deviation=0.02, bias=0.0, injections=injections)
     fleet = draw_fleet(3, plan)
     selection = Selection(fleet)
-    column = fleet.columns.effects.index(wind)
-    wrong = tuple(Candidate(column, at, at.design(fleet)) for at in (Level(SHARED), drift))
-    found = exchanged(selection, selection.refitted(FleetModel(wrong, {})))
+
+    def candidate(key: str, level: Level) -> Candidate:
+        return Candidate(fleet.columns.effects.index(key), level, level.design(fleet))
+
+    shared, wrong = candidate(wind, Level(SHARED)), candidate(wind, drift)
+    model = selection.refitted(FleetModel((shared, wrong), {}))
+    rest = selection.without(model, wrong)
+    right = selection.assess(rest, candidate(downforce, drift))
+    assert right.evidence < selection.assessed(model)[1].evidence
+    assert likelihood(fleet, extended(rest, right)) > likelihood(fleet, model)
+    found = exchanged(selection, model)
     levels = {fleet.columns.effects[c.effect]: c.level for c in found.claimed}
     assert set(levels) == {wind, downforce}
     assert levels[wind] == Level(SHARED)

@@ -103,7 +103,7 @@ APART = tuple(range(200, 200 + 5 * CELLS, 5))
 """Cells that do not adjoin."""
 
 
-def test_the_most_significant_effect_is_taken_and_not_the_largest_gain() -> None:
+def test_the_gain_of_an_effect_is_against_what_the_surrogate_feigns() -> None:
     first = _found(_rows_of_two(APART, {300: (15.0, 6.0)}))[0]
     assert (first.key, first.alternatives) == ("road_grade.grade", ())
     assert first.interval[0] < 6.0 < first.interval[1]
