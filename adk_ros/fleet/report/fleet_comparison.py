@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,41 +12,42 @@ from adk_ros.errors import UsageError
 from adk_ros.files.pages.page import render_page
 from adk_ros.files.pages.provenance import Provenance
 from adk_ros.fleet.inference.fleet_result import SCHEMA
+from adk_ros.fleet.inference.place_evidence import CELL_M
 from adk_ros.mismatch.report.vocabulary import title, unit_text
 
 PAGE = "comparison.html"
 FIXED, NEW, CHANGED, SAME = "no longer claimed", "new", "changed", "unchanged"
+TIED = "tied: the other one is named"
+
+Claim = Mapping[str, Any]
+"""A claim or a place of `fleet.json`."""
 
 
 def compared_claims(before: Mapping[str, Any], after: Mapping[str, Any]) -> list[list[str]]:
     """
     Return effect, level, size before, size after, and what became of it, for each claim.
 
-    Arguments are contents of `fleet.json`. A trend is the same whatever its change point. Sizes
-    are changed if their 90 % intervals do not overlap.
+    Arguments are contents of `fleet.json`. A trend is the same whatever its change point, and a
+    place if the cells touch. Sizes are changed if their 90 % intervals do not overlap. Of two
+    effects that a fleet does not distinguish, each result may name another one.
     """
-    old, new = _by_key(before), _by_key(after)
+    pairs = _paired(before["claims"], after["claims"], _is_same_claim)
+    pairs += _paired(before["places"], after["places"], _is_same_place)
     rows = []
-    for key in dict.fromkeys([*old, *new]):
-        a, b = old.get(key), new.get(key)
+    for a, b in pairs:
+        one = b or a
+        assert one is not None
+        name = f"{title(one['effect'])}, {one['parameter']}"
         if b is None:
             status = FIXED
         elif a is None:
             status = NEW
+        elif a["effect"] != b["effect"]:
+            name, status = f"{title(a['effect'])}, now {title(b['effect'])}", TIED
         else:
             apart = a["low"] > b["high"] or b["low"] > a["high"]
             status = CHANGED if apart else SAME
-        one = b or a
-        assert one is not None
-        rows.append(
-            [
-                f"{title(one['effect'])}, {one['parameter']}",
-                one["level"],
-                _size(a),
-                _size(b),
-                status,
-            ]
-        )
+        rows.append([name, _level(one), _size(a), _size(b), status])
     return rows
 
 
@@ -90,14 +91,50 @@ def write_comparison(
     return path
 
 
-def _by_key(content: Mapping[str, Any]) -> dict[tuple[str, ...], Mapping[str, Any]]:
-    return {
-        (c["effect"], c["parameter"], c["kind"], c["car"], c["tag"], c["value"]): c
-        for c in content["claims"]
-    }
+def _paired(
+    before: Sequence[Claim], after: Sequence[Claim], is_same: Callable[[Claim, Claim], bool]
+) -> list[tuple[Claim | None, Claim | None]]:
+    """Return each claim before with that after, and those without the other one."""
+    left = list(after)
+    pairs: list[tuple[Claim | None, Claim | None]] = []
+    # The same effect first: another one that it is tied with may be claimed next to it.
+    for a in sorted(before, key=lambda one: not any(_has_effect_of(one, b) for b in after)):
+        same = [b for b in left if is_same(a, b)]
+        b = min(same, key=lambda one: not _has_effect_of(a, one)) if same else None
+        if b is not None:
+            left.remove(b)
+        pairs.append((a, b))
+    return pairs + [(None, b) for b in left]
 
 
-def _size(claim: Mapping[str, Any] | None) -> str:
+def _has_effect_of(a: Claim, b: Claim) -> bool:
+    return (a["effect"], a["parameter"]) == (b["effect"], b["parameter"])
+
+
+def _is_same_claim(a: Claim, b: Claim) -> bool:
+    if any(a[key] != b[key] for key in ("kind", "car", "tag", "value")):
+        return False
+    # A tie is "effect (level)", where a change point is fitted.
+    ties_a, ties_b = ({tie.split(" (")[0] for tie in one["ties"]} for one in (a, b))
+    return _has_effect_of(a, b) or b["effect"] in ties_a or a["effect"] in ties_b
+
+
+def _is_same_place(a: Claim, b: Claim) -> bool:
+    near = any(
+        max(abs(x - u), abs(y - v)) <= CELL_M for x, y in a["centres"] for u, v in b["centres"]
+    )
+    tied = b["effect"] in a["ties"] or a["effect"] in b["ties"]
+    return near and (_has_effect_of(a, b) or tied)
+
+
+def _level(claim: Claim) -> str:
+    if "level" in claim:
+        return str(claim["level"])
+    x, y = claim["centres"][0]
+    return f"at a place, ({x:.0f}, {y:.0f}) m"
+
+
+def _size(claim: Claim | None) -> str:
     if claim is None:
         return "-"
     unit = unit_text(claim["unit"])

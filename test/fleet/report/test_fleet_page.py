@@ -5,9 +5,11 @@
 from __future__ import annotations
 
 import re
+from copy import deepcopy
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -178,7 +180,27 @@ def test_a_comparison_says_what_an_update_mended(tmp_path: Path) -> None:
     drag = f"{title('aero_drag')}, cda"
     assert rows[drag, "all cars"] == "no longer claimed"
     assert "unchanged" in rows.values()
+    grade = f"{title('road_grade')}, grade"
+    assert rows[grade, "at a place, (210, 270) m"] == "unchanged"
     page = write_comparison(before, after, tmp_path, names=("1.0", "1.1"))
     assert "Fleet: 1.0 vs 1.1" in page.read_text()
     with pytest.raises(UsageError, match=r"no fleet\.json of this version"):
         write_comparison({"schema": 0}, after, tmp_path)
+
+
+def test_a_comparison_knows_ties_and_places_that_touch() -> None:
+    before = result().as_dict()
+    after: dict[str, Any] = deepcopy(before)
+    drag = next(c for c in after["claims"] if c["effect"] == "aero_drag")
+    drag.update(effect="headwind", parameter="wind_x", ties=["aero_drag (all cars)"])
+    (place,) = after["places"]
+    place["centres"] = [[x + 60.0, y] for x, y in place["centres"]]
+    rows = {row[0]: row[4] for row in compared_claims(before, after)}
+    assert rows.pop(f"{title('aero_drag')}, now {title('headwind')}") == (
+        "tied: the other one is named"
+    )
+    assert set(rows.values()) == {"unchanged"}
+    place["centres"] = [[x + 600.0, y] for x, y in place["centres"]]
+    drag["ties"] = []
+    status = sorted(row[4] for row in compared_claims(before, after))
+    assert (status.count("new"), status.count("no longer claimed")) == (2, 2)
