@@ -7,6 +7,7 @@ from __future__ import annotations
 import base64
 import json
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import asdict, dataclass, field
 from functools import lru_cache
 from pathlib import Path
@@ -14,11 +15,14 @@ from typing import TYPE_CHECKING, Any
 
 from adk_ros.api.fleet.index_stage import file_hash
 from adk_ros.bags.recording import RecordingOptions
+from adk_ros.errors import DataError
+from adk_ros.files.code_digest import code_digest
 from adk_ros.fleet.stage import hash_of
 
 if TYPE_CHECKING:
     from adk_ros.fleet.inference.evidence import Row
     from adk_ros.fleet.inference.fleet_simulation import FleetSimulation
+    from adk_ros.mismatch.recording.sensor_log import SensorLog
 
 _BYTES = "base64:"
 """Begin of a text that holds bytes; no other text of a row begins with it."""
@@ -32,13 +36,15 @@ class EvidenceStage:
     `simulation`: file of `FleetSimulation.save`; `point`: file with the fleet's estimate at which
     to linearise (`write_point`), "" for no effect. Rows: kind `recording` with the loss over that
     of a perfect model as value, and `place` for each cell of the map; details hold the evidence.
-    `options`: topics and sensor configuration.
+    `options`: topics and sensor configuration. `logs`: folder in which decoded recordings are kept
+    for further passes, "" for none.
     """
 
     simulation: str
     point: str = ""
     without_imu: bool = False
     options: RecordingOptions = field(default_factory=RecordingOptions)
+    logs: str = ""
     name: str = "evidence"
 
     @property
@@ -49,19 +55,18 @@ class EvidenceStage:
 
     @property
     def shared_paths(self) -> tuple[str, ...]:
-        """Files of the simulation and of the estimate."""
-        return tuple(path for path in (self.simulation, self.point) if path)
+        """Files of the simulation and of the estimate, folder of decoded recordings."""
+        return tuple(path for path in (self.simulation, self.point, self.logs) if path)
 
     def run(self, path: Path, recording: str) -> list[dict[str, Any]]:
         """Return the rows of the recording of this name."""
-        from adk_ros.api.recording import read_log
         from adk_ros.fleet.inference.evidence import RECORDING
         from adk_ros.fleet.inference.recording_evidence import evidence_rows
         from adk_ros.mismatch.library.surrogate_parameters import INDEX
 
         simulation = _simulation(self.simulation, file_hash(self.simulation))
         radius = float(simulation.surrogate.parameters[INDEX["wheel_radius"]])
-        log = read_log(path, self.options, needs_imu=not self.without_imu, wheel_radius=radius)
+        log = self._log(path, radius)
         values, local = read_point(self.point, recording)
         return [
             {
@@ -72,6 +77,24 @@ class EvidenceStage:
             }
             for row in evidence_rows(log, simulation, values, local, name=recording)
         ]
+
+    def _log(self, path: Path, radius: float) -> SensorLog:
+        """Return the decoded recording; decoding takes two thirds of the time of a pass."""
+        from adk_ros.api.recording import read_log
+        from adk_ros.mismatch.recording.sensor_log_file import load_sensor_log, save_sensor_log
+
+        kept = None
+        if self.logs:
+            read_with = [self.without_imu, radius, asdict(self.options), code_digest()]
+            kept = Path(self.logs) / f"{hash_of([file_hash(str(path)), *read_with])}.npz"
+            # Whatever a crash or another version left there, the recording can be decoded.
+            with suppress(DataError):
+                return load_sensor_log(kept)
+        log = read_log(path, self.options, needs_imu=not self.without_imu, wheel_radius=radius)
+        if kept is not None:
+            with suppress(OSError):
+                save_sensor_log(log, kept)
+        return log
 
 
 @lru_cache(maxsize=1)

@@ -11,6 +11,7 @@ again at the estimate, at which a quadratic summary is more exact.
 from __future__ import annotations
 
 import json
+import shutil
 from collections.abc import Collection, Mapping, Sequence
 from contextlib import ExitStack, nullcontext
 from dataclasses import dataclass, replace
@@ -49,7 +50,7 @@ if TYPE_CHECKING:
     from adk_ros.fleet.inference.fleet_evidence import RecordingTags
     from adk_ros.fleet.inference.fleet_result import FleetResult
 
-REPORT, RECORDINGS = "report", "recordings"
+REPORT, RECORDINGS, LOGS = "report", "recordings", "logs"
 _DAY_S = 86_400.0
 
 
@@ -138,6 +139,8 @@ def fleet_mismatch(
             if progress is not None:
                 progress(done, 1.0, text)
 
+        logs = shared / LOGS
+        logs.mkdir(exist_ok=True)
         with ExitStack() as stack:
 
             @cache
@@ -147,7 +150,8 @@ def fleet_mismatch(
             def evidence_at(
                 estimate: FleetEstimate | None, moved: Collection[str] | None
             ) -> tuple[list[Row], dict[str, str]]:
-                stage = EvidenceStage(str(path), _point(shared, estimate), without_imu, reading)
+                point = _point(shared, estimate)
+                stage = EvidenceStage(str(path), point, without_imu, reading, str(logs))
                 # What has no evidence without effects has none at an estimate either.
                 names = {x.name for x in found} if estimate is None else set(estimate.fleet.names)
                 names &= names if moved is None else set(moved)
@@ -166,6 +170,8 @@ def fleet_mismatch(
             forget_lost_files(out, stage.name, folder, "report")
             shown = [recording for recording in found if recording.name in worst]
             run_stage(stage, shown, out, lambda: nullcontext(cluster()), limits, progress)
+        # An interrupted run needs them when it continues.
+        shutil.rmtree(logs, ignore_errors=True)
         failed = tuple(sorted(analysis.failed.items()))
         models = corrected_models(analysis.result, known.surrogate)
         links = _links(out, stage, shown)

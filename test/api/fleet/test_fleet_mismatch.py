@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from adk_ros.api.fleet.evidence_stage import (
@@ -23,12 +24,13 @@ from adk_ros.api.fleet.fleet_run import FleetOptions, chosen_recordings
 from adk_ros.api.fleet.recording_minutes import recording_minutes
 from adk_ros.errors import DataError, UsageError
 from adk_ros.fleet.dataset import FleetDataset
-from adk_ros.fleet.inference.evidence import RECORDING
+from adk_ros.fleet.inference.evidence import RECORDING, Row
 from adk_ros.fleet.inference.place_evidence import Cell
 from adk_ros.fleet.inference.recording_evidence import PlacedValue
 from adk_ros.fleet.recordings import FleetRecording
 from adk_ros.fleet.stage import StageVersion, version_of
 from adk_ros.fleet.tags import Tags
+from adk_ros.mismatch.recording.sensor_log import SensorLog
 
 
 def test_evidence_survives_the_dataset() -> None:
@@ -45,6 +47,44 @@ def test_a_recording_is_linearised_at_its_own_values(tmp_path: Path) -> None:
     assert read_point(str(path), "b") == ({"payload.mass": 120.0}, [placed])
     assert read_point(str(path), "other") == ({}, [placed])
     assert read_point("", "b") == ({}, [])
+
+
+def test_a_recording_is_decoded_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    bag, logs = tmp_path / "drive.mcap", tmp_path / "logs"
+    bag.write_bytes(b"drive")
+    logs.mkdir()
+    decoded: list[Path] = []
+    times, three, two = np.zeros(3), np.zeros((3, 3)), np.zeros((3, 2))
+    whole = SensorLog("drive", 1.0, times, three, times, three, three, times, two)
+
+    def read_log(path: Path, *_: object, **__: object) -> SensorLog:
+        decoded.append(path)
+        return whole
+
+    def evidence_rows(log: SensorLog, *_: object, **__: object) -> list[Row]:
+        assert (log.name, log.imu.shape) == ("drive", (3, 3))
+        return [{"kind": RECORDING, "loss_ratio": 1.0}]
+
+    simulation = SimpleNamespace(surrogate=SimpleNamespace(parameters=np.ones(100)))
+    monkeypatch.setattr("adk_ros.api.recording.read_log", read_log)
+    monkeypatch.setattr("adk_ros.api.fleet.evidence_stage._simulation", lambda *_: simulation)
+    monkeypatch.setattr("adk_ros.fleet.inference.recording_evidence.evidence_rows", evidence_rows)
+    stage = EvidenceStage("", logs=str(logs))
+    assert stage.inputs_hash == EvidenceStage("").inputs_hash
+    rows = [stage.run(bag, "a") for _ in range(2)]
+    assert rows[0] == rows[1]
+    assert decoded == [bag]
+    # Another content, other options, a file that is cut off: decoded again.
+    (kept,) = logs.iterdir()
+    kept.write_bytes(kept.read_bytes()[:50])
+    stage.run(bag, "a")
+    replace(stage, without_imu=True).run(bag, "a")
+    bag.write_bytes(b"other")
+    stage.run(bag, "a")
+    assert len(decoded) == 4
+    replace(stage, logs="").run(bag, "a")
+    replace(stage, logs=str(tmp_path / "none")).run(bag, "a")
+    assert len(decoded) == 6
 
 
 def test_another_point_is_another_result(tmp_path: Path) -> None:
@@ -175,7 +215,9 @@ def test_workers_of_other_folders_find_the_files_of_a_run(
     (stage,) = stages
     assert stage.simulation == str(tmp_path / "out" / "simulation-1.npz")
     assert Path(stage.point).parent == tmp_path / "out"
-    assert stage.shared_paths == (stage.simulation, stage.point)
+    assert stage.shared_paths == (stage.simulation, stage.point, stage.logs)
+    assert Path(stage.logs) == tmp_path / "out" / "logs"
+    assert Path(stage.logs).is_dir()
 
 
 def test_a_limit_chooses_the_same_recordings_for_all_passes() -> None:
