@@ -10,13 +10,12 @@ hash of its content, so copies of a recording share a shard, and a shard never c
 from __future__ import annotations
 
 import hashlib
-import os
-import uuid
 from pathlib import Path
 
 import numpy as np
 
 from adk_ros.errors import UsageError, first_line
+from adk_ros.files.whole_file import whole_file
 from adk_ros.numerics.arrays import FloatArray
 from adk_ros.signals.channels import TICK_NS, Record
 
@@ -38,13 +37,8 @@ def write_shard(record: Record, folder: Path) -> str:
     if path.is_file():
         return name
     folder.mkdir(parents=True, exist_ok=True)
-    scratch = folder / f".{uuid.uuid4().hex}"
-    try:
-        with scratch.open("wb") as file:
-            np.save(file, rows, allow_pickle=False)
-        os.replace(scratch, path)
-    finally:
-        scratch.unlink(missing_ok=True)
+    with whole_file(path) as file:
+        np.save(file, rows, allow_pickle=False)
     return name
 
 

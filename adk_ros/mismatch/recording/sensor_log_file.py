@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 import json
-import os
 from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any
@@ -15,6 +14,7 @@ import numpy as np
 from pydantic import TypeAdapter
 
 from adk_ros.errors import DataError
+from adk_ros.files.whole_file import whole_file
 from adk_ros.mismatch.recording.sensor_log import SensorLog
 from adk_ros.signals.decode import SensorConfig
 
@@ -33,13 +33,8 @@ def save_sensor_log(log: SensorLog, path: Path) -> None:
     text = {name: value for name, value in values.items() if name not in arrays}
     encoded = json.dumps(text | {"sensors": asdict(log.sensors)}).encode()
     arrays[_TEXT] = np.frombuffer(encoded, dtype=np.uint8)
-    part = path.with_name(f"{path.name}.{os.getpid()}.part")
-    try:
-        with part.open("wb") as file:
-            np.savez(file, **arrays)
-        part.replace(path)
-    finally:
-        part.unlink(missing_ok=True)
+    with whole_file(path) as file:
+        np.savez(file, **arrays)
 
 
 def load_sensor_log(path: Path) -> SensorLog:
