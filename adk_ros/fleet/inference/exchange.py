@@ -134,7 +134,7 @@ def _with_a_likelier_one(
         known = identity(candidate)
         if len(examined) == _EXAMINED:
             break
-        if known in examined or not _is_alike(candidate, claim):
+        if known in examined or not _competes(candidate, claim):
             continue
         examined.add(known)
         found = selection.with_fitted_onset(rest, selection.assess(rest, candidate))
@@ -150,7 +150,7 @@ def _with_a_likelier_one(
     return best
 
 
-def _is_alike(candidate: Candidate, claim: Candidate) -> bool:
+def _competes(candidate: Candidate, claim: Candidate) -> bool:
     """Whether a candidate is another effect at the level of a claim, or of its car."""
     a, b = candidate.level, claim.level
     of_same = replace(a, onset=0.0) == replace(b, onset=0.0) or (a.car != "" and a.car == b.car)

@@ -186,7 +186,7 @@ class PlaceData:
         cells = [cell for cell in place.cells if cell in tests]
         if not cells:
             return None
-        whole = _together([tests[cell] for cell in cells])
+        whole = _together(tests, cells)
         whole = replace(whole, size=place.size + whole.size)
         if p_value(whole) >= significance or not is_claimable(place.key, whole):
             return None
@@ -238,35 +238,30 @@ class PlaceData:
         if not good:
             return None
         seed, found = min(good, key=lambda pair: _rank(good[pair]))
+        # Each effect in the cells that show it; in one cell alone if its mean there is impossible.
         shown = {
             key: cells
             for key in self.keys
             if (cells := _cells_that_show(key, seed, tests[key], significance, blocked))
-        }
-        together = {
-            key: _together([tests[key][cell] for cell in cells]) for key, cells in shown.items()
-        }
-        possible = [key for key, test in together.items() if is_claimable(key, test)]
-        if not possible:
-            possible, shown[found], together[found] = [found], [seed], good[seed, found]
-        key = max(possible, key=lambda one: together[one].gain)
+            and is_claimable(key, _together(tests[key], cells))
+        } or {found: [seed]}
+        key = max(shown, key=lambda one: _together(tests[one], shown[one]).gain)
         cells = shown[key]
+        there = {one: _together(of_key, cells) for one, of_key in tests.items()}
+        whole = there.pop(key)
         alternatives = tuple(
             other
-            for other in self.keys
-            if other != key
-            and (there := [tests[other][cell] for cell in cells if cell in tests[other]])
-            and is_claimable(other, _together(there))
-            and together[key].gain - _together(there).gain < INDISTINGUISHABLE_LOSS
+            for other, test in there.items()
+            if is_claimable(other, test) and whole.gain - test.gain < INDISTINGUISHABLE_LOSS
         )
-        # The surrogate's error is alike in adjoining cells: one size is no better known in many.
+        # The surrogate's error repeats in adjoining cells: many say a size no better than one.
         variance = min(tests[key][cell].variance for cell in cells)
         return Place(
             key,
             tuple(sorted(cells, key=lambda c: (c.x, c.y, c.direction))),
-            together[key].size,
+            whole.size,
             float(np.sqrt(variance + SYSTEMATIC_ERROR_PER_MATERIALITY**2)),
-            together[key].freedom,
+            whole.freedom,
             p_value(good[seed, found]),
             max(len(self.cells[cell].recordings) for cell in cells),
             alternatives,
@@ -288,7 +283,7 @@ def _cells_that_show(
     start = tests.get(seed)
     if start is None or p_value(start) >= _SHOWS or not is_claimable(key, start):
         return []
-    alike = {
+    shown = {
         cell
         for cell, test in tests.items()
         if (cell, key) not in blocked
@@ -296,14 +291,17 @@ def _cells_that_show(
         and is_claimable(key, test)
         and p_value(test) < (_SHOWS if _is_near(cell, seed) else significance)
     }
-    return _connected(seed, alike) if seed in alike else []
+    return _connected(seed, shown) if seed in shown else []
 
 
-def _together(tests: Sequence[CellTest]) -> CellTest:
+def _together(tests: Mapping[Cell, CellTest], cells: Sequence[Cell]) -> CellTest:
     """Return the test of one size in all cells, with the fewest degrees of freedom of any."""
-    weights = np.array([1.0 / test.variance for test in tests])
-    size = float(weights @ np.array([test.size for test in tests]) / weights.sum())
-    return CellTest(size, float(1.0 / weights.sum()), min(test.freedom for test in tests))
+    known = [tests[cell] for cell in cells if cell in tests]
+    if not known:
+        return CellTest(0.0, 0.0, 1.0)
+    weights = np.array([1.0 / test.variance for test in known])
+    size = float(weights @ np.array([test.size for test in known]) / weights.sum())
+    return CellTest(size, float(1.0 / weights.sum()), min(test.freedom for test in known))
 
 
 def _rank(test: CellTest) -> tuple[float, float]:
