@@ -22,7 +22,7 @@ MAX_REFITS = 6
 PRUNING_SHARE_SINGLE = 0.25
 """
 Candidates for a first effect with a linearised gain below this share of the required gain are not
-fitted. A shift of the centre of gravity was seen to gain four times its linearised gain.
+fitted.
 """
 PRUNING_SHARE = 0.4
 """The same for a second and third effect."""
