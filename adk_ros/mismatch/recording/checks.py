@@ -314,12 +314,13 @@ def check_vehicle(nominal: NominalVehicle, simulation: SensorLog) -> None:
     if overall is not None and all(
         _contradicts(implied, nominal.mass, is_known) for implied in masses
     ):
+        at_that_mass = [radius * x / nominal.mass for x in overall[:3]]
         raise DataError(
             f"{simulation.name}: the torque response implies a mass of {_mass(overall.value)} "
             f"kg ({_mass(overall.low)} to {_mass(overall.high)}) on wheels of {radius:.3g} m "
             f"radius, but the vehicle file says {_mass(nominal.mass)} kg: correct its mass, "
             "wheel_radius or wheel_inertia (with that mass, the radius would be "
-            f"{radius * overall.value / nominal.mass:.3g} m)"
+            f"{at_that_mass[0]:.3g} m, {at_that_mass[1]:.3g} to {at_that_mass[2]:.3g})"
         )
 
 

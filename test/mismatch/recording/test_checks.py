@@ -149,6 +149,12 @@ def test_a_vehicle_file_of_another_mass_is_refused(factor: float) -> None:
     # The message gives the value to correct it with.
     implied = float(str(error.value).split("a mass of ")[1].split(" kg")[0])
     assert implied == pytest.approx(nominal.mass, rel=0.02)
+    # Or the radius with which the torque accelerates that mass, with its interval.
+    words = str(error.value).split("the radius would be ")[1].rstrip("m)")
+    radius, interval = words.split(" m, ")
+    low, high = (float(x) for x in interval.split(" to "))
+    assert low <= float(radius) <= high
+    assert float(radius) * factor == pytest.approx(nominal.wheel_radius, rel=0.02)
 
 
 @pytest.mark.parametrize("factor", [0.5, 0.8, 0.9, 1.0, 1.1, 1.2, 1.5, 2.0])
