@@ -35,13 +35,13 @@ from adk_ros.mismatch.recording.sensor_log import SensorLog
 from adk_ros.mismatch.road_by_ins import levelled
 from adk_ros.mismatch.slopes_beyond_simulation import without_places_on_slopes
 from adk_ros.mismatch.surrogate.identification import SurrogateModel
-from adk_ros.mismatch.validation import (
-    Validation,
-    coherent,
+from adk_ros.mismatch.validation import Validation, coherent, validate_on_held_out
+from adk_ros.mismatch.withdrawal import (
     described_by_errors,
+    is_contradicted,
     is_refuted,
+    nothing_missing,
     nothing_named,
-    validate_on_held_out,
     withdrawn,
 )
 
@@ -137,9 +137,16 @@ def _decided(
     rare = episodes_describe_more(training, decision.hypothesis, null, known, data.single_lap)
     if rare:
         decision = withdrawn(decision, null)
-    validation = with_fitted_tolerances(
-        validated(decision), decision, surrogate, training, lap, judged(decision)
-    )
+
+    def checked(decision: Decision) -> Validation:
+        return with_fitted_tolerances(
+            validated(decision), decision, surrogate, training, lap, judged(decision)
+        )
+
+    validation = checked(decision)
+    if is_contradicted(decision, validation):
+        decision = nothing_missing(null)
+        validation = checked(decision)
     decision = coherent(decision, validation)
     if is_refuted(decision, validation):
         decision, reason = withdrawn(decision, null), _REFUTED

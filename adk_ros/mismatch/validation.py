@@ -36,7 +36,6 @@ from adk_ros.mismatch.deployment.surrogate_writer import simulation_yaml
 from adk_ros.mismatch.deployment.tolerance_error import tolerance_error
 from adk_ros.mismatch.export_choice import Correction, choose_correction
 from adk_ros.mismatch.inference.decision import Decision
-from adk_ros.mismatch.inference.feature_effect import FeatureEffect
 from adk_ros.mismatch.inference.hypothesis import ActiveEffect, Hypothesis, road_friction
 from adk_ros.mismatch.inference.result import (
     NOT_CHECKED,
@@ -45,9 +44,6 @@ from adk_ros.mismatch.inference.result import (
     HeldOutResult,
     UnexplainedResidual,
 )
-from adk_ros.mismatch.library.criteria import MAX_EXPLAINED_RATIO, MIN_REMOVED_SHARE
-from adk_ros.mismatch.library.parametric_features import is_transferable
-from adk_ros.mismatch.library.sensitivity import decided
 from adk_ros.mismatch.recording.sensor_log import SensorLog
 from adk_ros.mismatch.surrogate.identification import SurrogateModel
 from adk_ros.mismatch.surrogate.lap import Lap
@@ -250,57 +246,6 @@ def error_text(errors: HeldOutErrors, state: str) -> str:
         f"{HORIZONS_S[horizon]:g} s ahead, where noise, build tolerance and the surrogate "
         f"model's own error explain {errors.expected[horizon, i]:.2g} {unit}"
     )
-
-
-def is_refuted(decision: Decision, validation: Validation) -> bool:
-    """
-    Whether held-out errors refute what a verdict of an unknown cause claims.
-
-    They do where no state's error falls by `MIN_REMOVED_SHARE` of what could be removed. Faults of
-    sensors and terms with a phase of their own recording are not corrected, and not refuted.
-    """
-    effects = decision.hypothesis.effects
-    corrected = all(
-        is_transferable(a.effect.feature)
-        if isinstance(a.effect, FeatureEffect)
-        else not a.effect.sensor
-        for a in effects
-    )
-    if decision.verdict != UNKNOWN or not effects or not corrected:
-        return False
-    before, after, expected = (
-        x**2
-        for x in (validation.errors.before, validation.errors.after, validation.errors.expected)
-    )
-    with np.errstate(invalid="ignore"):
-        removable = before > MAX_EXPLAINED_RATIO**2 * expected
-    if not removable.any():
-        return False
-    shares = (before - after)[removable] / (before - expected)[removable]
-    return decided(lambda least: bool(shares.max() < least), MIN_REMOVED_SHARE=MIN_REMOVED_SHARE)
-
-
-def withdrawn(decision: Decision, null: Hypothesis) -> Decision:
-    """Return the decision that something is unexplained, without effects and formula."""
-    equations = [] if decision.unexplained is None else decision.unexplained.equations
-    left = UnexplainedResidual(equations, 1.0, "", "")
-    return Decision(UNKNOWN, [], left, null, None)
-
-
-def nothing_named(decision: Decision) -> bool:
-    """Whether something is unexplained, with neither an effect nor a formula for it."""
-    left = decision.unexplained
-    return left is not None and not left.terms and not decision.effects
-
-
-def described_by_errors(decision: Decision, validation: Validation, reason: str) -> Decision:
-    """Return a decision whose unexplained residual is described by the held-out errors."""
-    assert decision.unexplained is not None
-    states = validation.errors.unexplained_states()
-    text = f"{error_text(validation.errors, states[0])}; {reason}" if states else reason
-    equations = states or decision.unexplained.equations
-    left = replace(decision.unexplained, equations=equations, text=text)
-    return replace(decision, unexplained=left)
 
 
 def held_out_result(validation: Validation, evidence: Sequence[Evidence]) -> HeldOutResult:

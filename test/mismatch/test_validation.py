@@ -64,10 +64,14 @@ from adk_ros.mismatch.surrogate.identification import SurrogateModel
 from adk_ros.mismatch.validation import (
     Validation,
     coherent,
-    described_by_errors,
-    is_refuted,
-    nothing_named,
     validate_on_held_out,
+)
+from adk_ros.mismatch.withdrawal import (
+    described_by_errors,
+    is_contradicted,
+    is_refuted,
+    nothing_missing,
+    nothing_named,
     withdrawn,
 )
 from adk_ros.numerics.arrays import FloatArray
@@ -213,6 +217,25 @@ def test_what_leaves_most_of_the_error_is_refuted() -> None:
     assert not is_refuted(explained, Validation(errors(0.7, 0.6), FULL, ""))
     of_sensor = replace(unknown, hypothesis=hypothesis(effect("gyro_scale", 1.1)))
     assert not is_refuted(of_sensor, Validation(errors(0.7, 0.6), FULL, ""))
+
+
+def test_effects_that_held_out_data_contradict_are_withdrawn() -> None:
+    """Nothing had to be explained, and every part of the correction raises an error."""
+    tyres = hypothesis(effect("rear_tyre_stiffness", 1.05))
+    explained = Decision(EXPLAINED, [], None, tyres, None)
+    fine = Validation(errors(0.02, 0.02), NOT_EXPORTED, "", ("yaw_rate",))
+    assert is_contradicted(explained, fine)
+    nothing = nothing_missing(hypothesis())
+    assert (nothing.verdict, nothing.effects, nothing.unexplained) == (NONE, [], None)
+    # Errors that something must explain, a correction that is exported, and faults of sensors,
+    # which none corrects, stay as they are.
+    large = errors(1.01 * MAX_EXPLAINED_RATIO * 0.02, 0.02)
+    assert not is_contradicted(explained, replace(fine, errors=large))
+    assert not is_contradicted(explained, replace(fine, export=FULL))
+    assert not is_contradicted(explained, replace(fine, raised=()))
+    of_sensor = hypothesis(effect("rear_tyre_stiffness", 1.05), effect("gyro_scale", 1.1))
+    assert not is_contradicted(replace(explained, hypothesis=of_sensor), fine)
+    assert not is_contradicted(replace(explained, verdict=UNKNOWN), fine)
 
 
 def test_a_withdrawn_claim_is_described_by_the_errors() -> None:
