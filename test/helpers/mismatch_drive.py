@@ -9,7 +9,8 @@ from functools import cache
 
 import numpy as np
 
-from adk_ros.mismatch.inference.decision import Decision, confidence_intervals
+from adk_ros.mismatch.inference.decision import Decision
+from adk_ros.mismatch.inference.effect_intervals import confidence_intervals
 from adk_ros.mismatch.inference.fit_budget import FINAL, NULL_HYPOTHESIS
 from adk_ros.mismatch.inference.hypothesis import ActiveEffect, inactive_effect
 from adk_ros.mismatch.inference.likelihood import Likelihood

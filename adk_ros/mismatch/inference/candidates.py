@@ -5,10 +5,11 @@
 from __future__ import annotations
 
 from adk_ros.mismatch.inference.block_scores import effect_deviations
-from adk_ros.mismatch.inference.decision import Decision, confidence_intervals
+from adk_ros.mismatch.inference.decision import Decision
+from adk_ros.mismatch.inference.effect_intervals import confidence_intervals
 from adk_ros.mismatch.inference.hypothesis import Hypothesis
 from adk_ros.mismatch.inference.likelihood import Likelihood
-from adk_ros.mismatch.inference.result import RejectedCandidate
+from adk_ros.mismatch.inference.result import NONE, RejectedCandidate
 from adk_ros.mismatch.inference.selection_path import (
     SelectionPath,
     is_improvement,
@@ -34,7 +35,8 @@ def rejected_candidates(
     claimed = {effect.effect.name for effect in decision.effects}
     claimed |= {name for effect in decision.effects for name in effect.alternatives}
     out: list[RejectedCandidate] = []
-    for h in sorted(path.levels[1] if len(path.levels) > 1 else [], key=penalised_loss):
+    single = [h for level in path.levels[1:] for h in level if len(h.effects) == 1]
+    for h in sorted(single, key=penalised_loss):
         active = h.effects[0]
         if active.effect.name in claimed | {c.name for c in out} or h.loss >= null.loss:
             continue
@@ -71,4 +73,9 @@ def _reason(likelihood: Likelihood, h: Hypothesis, path: SelectionPath, decision
         return "the fitted formula explains more"
     if not significant_effects(likelihood, h, path.examined):
         return "chance reaches this size somewhere among all effects, places and onsets examined"
+    if decision.verdict == NONE:
+        return (
+            "the errors are explained without it, and data that it was not fitted to do not "
+            "support it"
+        )
     return "it does not explain the errors on held-out data"

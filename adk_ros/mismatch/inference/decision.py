@@ -11,6 +11,7 @@ import numpy as np
 
 from adk_ros.mismatch.inference.block_scores import effect_deviations
 from adk_ros.mismatch.inference.confidence import UNLISTED, Evidence, formula_log_prior
+from adk_ros.mismatch.inference.effect_intervals import confidence_intervals
 from adk_ros.mismatch.inference.feature_effect import FeatureEffect
 from adk_ros.mismatch.inference.fit_budget import FINAL, REPLACEMENT
 from adk_ros.mismatch.inference.hypothesis import ActiveEffect, Hypothesis
@@ -27,7 +28,6 @@ from adk_ros.mismatch.inference.result import (
     NONE,
     UNKNOWN,
     IdentifiedEffect,
-    Interval,
     UnexplainedResidual,
 )
 from adk_ros.mismatch.inference.selection_path import (
@@ -46,14 +46,10 @@ from adk_ros.mismatch.library.criteria import (
     MIN_GAIN_PER_SURROGATE_ERROR,
     MIN_UNSTRUCTURED_EXCESS,
     REPLACEMENT_LOSS,
-    SYSTEMATIC_ERROR_PER_MATERIALITY,
-    SYSTEMATIC_ERROR_PER_SURROGATE_SHARE,
-    SYSTEMATIC_ERROR_SHARE,
 )
-from adk_ros.mismatch.library.effect import EffectParameter
 from adk_ros.mismatch.library.search_limits import MAX_REPLACEMENTS
 from adk_ros.mismatch.library.sensitivity import decided
-from adk_ros.numerics.constants import GRAVITY, QUANTILE_90
+from adk_ros.numerics.constants import GRAVITY
 
 
 @dataclass(frozen=True)
@@ -61,7 +57,8 @@ class Decision:
     """
     The verdict with its effects and unmodelled dynamics, and the hypothesis behind them.
 
-    `set_aside`: names of effects of the hypothesis that are less probable than not.
+    `set_aside`: names of effects of the hypothesis that are less probable than not; `formula`: the
+    one that describes the data without any effect, as far as it was sought.
     """
 
     verdict: str
@@ -70,26 +67,29 @@ class Decision:
     hypothesis: Hypothesis
     unmodelled: UnmodelledDynamics | None
     set_aside: tuple[str, ...] = ()
+    formula: UnmodelledDynamics | None = None
 
 
 def decide(likelihood: Likelihood, path: SelectionPath) -> Decision:
     """Decide between no mismatch, effects, and unmodelled dynamics."""
-    best = path.best()
+    best = best_within_bounds(path)
     unmodelled, formula = _unmodelled_dynamics(likelihood, path, best)
     if unmodelled is not None:
         best = unmodelled.hypothesis
     elif not best.effects:
         return Decision(NONE, [], None, best, None)
     final = _fit_final(likelihood, best.effects, best)
-    final, identifiability = _resolve_competitors(likelihood, _canonicalised(likelihood, final))
+    final, identifiability = _resolve_competitors(
+        likelihood, _canonicalised(likelihood, final), path.examined
+    )
     significant = significant_effects(likelihood, final, path.examined)
     if len(significant) < len(final.effects):
         final = _fit_final(likelihood, significant, final)
-        final, identifiability = _resolve_competitors(likelihood, final)
+        final, identifiability = _resolve_competitors(likelihood, final, path.examined)
     while (weakest := least_supported(likelihood, identifiability)) is not None:
         supported = [active for i, active in enumerate(final.effects) if i != weakest]
         final = _fit_final(likelihood, supported, final)
-        final, identifiability = _resolve_competitors(likelihood, final)
+        final, identifiability = _resolve_competitors(likelihood, final, path.examined)
     if not final.effects:
         return Decision(NONE, [], None, final, None)
     deviations = effect_deviations(likelihood, final)
@@ -106,8 +106,20 @@ def decide(likelihood: Likelihood, path: SelectionPath) -> Decision:
         if i in identifiability
     ]
     if unmodelled is None:
-        return Decision(EXPLAINED, effects, None, final, None)
+        return Decision(EXPLAINED, effects, None, final, None, formula=formula)
     return Decision(UNKNOWN, effects, unmodelled.unexplained(), final, unmodelled)
+
+
+def best_within_bounds(path: SelectionPath) -> Hypothesis:
+    """
+    Return the largest accepted hypothesis without a variable at its bound, or a single effect.
+
+    A fit at a bound is no claim, and speaks against the effect added last, not against the others.
+    """
+    best = path.best()
+    while len(best.effects) > 1 and _is_at_bound(best):
+        best = path.best(len(best.effects) - 1)
+    return best
 
 
 def _evidence(
@@ -142,28 +154,36 @@ def _fit_final(
 
 
 def _resolve_competitors(
-    likelihood: Likelihood, h: Hypothesis
+    likelihood: Likelihood, h: Hypothesis, examined: int
 ) -> tuple[Hypothesis, dict[int, Identifiability]]:
     """
-    Replace effects by competing ones that are clearly better.
+    Replace effects by competing ones that are clearly better, and no accident of a few blocks.
 
-    Return the hypothesis, and the identifiability of its effects by index.
+    Return the hypothesis, and the identifiability of its effects by index. `examined` as in
+    `significant_effects`.
     """
     identifiability = _identifiability(likelihood, h)
+    refused: set[str] = set()
     for _ in range(MAX_REPLACEMENTS):
         ranked = [
             (competitor.loss_difference, i, j)
             for i, one in identifiability.items()
             for j, competitor in enumerate(one.competitors)
-            if competitor.fitted.is_material()
+            if competitor.fitted.is_material() and competitor.name not in refused
         ]
         difference, which, best = min(ranked, default=(0.0, 0, 0))
         if not _replaces(difference):
             break
         effects = list(h.effects)
         effects[which] = identifiability[which].competitors[best].fitted
-        h = likelihood.fit(effects, nuisances=h.nuisances, budget=REPLACEMENT, fit_activation=True)
-        identifiability = _identifiability(likelihood, h)
+        replaced = likelihood.fit(
+            effects, nuisances=h.nuisances, budget=REPLACEMENT, fit_activation=True
+        )
+        if replaced.effects[which] in significant_effects(likelihood, replaced, examined):
+            h = replaced
+            identifiability = _identifiability(likelihood, h)
+        else:
+            refused.add(effects[which].effect.name)
     return h, identifiability
 
 
@@ -317,43 +337,3 @@ def _identified(
         activation.onset_s,
         evidence=evidence,
     )
-
-
-def confidence_intervals(
-    active: ActiveEffect, deviation: Sequence[float], surrogate_share: float = 0.0
-) -> dict[str, Interval]:
-    """
-    Return an effect's parameters with their 90 % confidence intervals.
-
-    `surrogate_share`: of the residuals' variance, what is the surrogate's own error.
-    """
-    return {
-        parameter.name: confidence_interval(parameter, theta, sigma, surrogate_share)
-        for parameter, theta, sigma in zip(
-            active.effect.parameters, active.theta, deviation, strict=True
-        )
-    }
-
-
-def confidence_interval(
-    parameter: EffectParameter, theta: float, sigma: float, surrogate_share: float = 0.0
-) -> Interval:
-    """
-    Return a parameter's 90 % confidence interval.
-
-    The variance of theta is sigma^2 + (share |theta - neutral|)^2 + (share threshold)^2:
-    statistical, from the inexact equation, and from the materiality threshold. The equation is
-    less exact where much of the residuals' variance, `surrogate_share`, is the surrogate's error.
-    """
-    foreign = SYSTEMATIC_ERROR_PER_SURROGATE_SHARE * surrogate_share
-    relative = float(np.hypot(SYSTEMATIC_ERROR_SHARE, foreign))
-    systematic = relative * abs(theta - parameter.theta_neutral)
-    if not parameter.inverse:
-        floor = SYSTEMATIC_ERROR_PER_MATERIALITY * parameter.materiality_threshold
-        systematic = float(np.hypot(systematic, floor))
-    half = QUANTILE_90 * float(np.hypot(sigma, systematic))
-    ends = sorted(
-        parameter.value(max(x, 1e-12) if parameter.inverse else x)
-        for x in (theta - half, theta + half)
-    )
-    return Interval(parameter.value(theta), ends[0], ends[1], parameter.unit)

@@ -8,10 +8,11 @@ from dataclasses import replace
 
 from adk_ros.mismatch.inference.block_scores import effect_deviations
 from adk_ros.mismatch.inference.confidence import ConfidenceModel
-from adk_ros.mismatch.inference.decision import Decision, confidence_intervals
+from adk_ros.mismatch.inference.decision import Decision
+from adk_ros.mismatch.inference.effect_intervals import confidence_intervals
 from adk_ros.mismatch.inference.fit_budget import FINAL
 from adk_ros.mismatch.inference.likelihood import Likelihood
-from adk_ros.mismatch.inference.result import UNKNOWN, IdentifiedEffect
+from adk_ros.mismatch.inference.result import EXPLAINED, NONE, UNKNOWN, IdentifiedEffect
 
 CREDIBLE = 0.9
 """Probability of the set of effects that is reported, one of which is present. Convention."""
@@ -19,24 +20,34 @@ SMALLEST_SHARE = 0.05
 """Least probability of an effect in that set: the usual size of a significance test."""
 
 PROBABLE = 0.5
-"""Probability from which an effect is claimed next to what nothing explains: more than not."""
+"""
+Probability from which an effect is claimed next to what nothing explains, and without a word of
+doubt: more than not.
+"""
 
 
 def without_improbable(decision: Decision, error_ratio: float) -> Decision:
     """
     Return a decision without effects that physics that nothing describes makes improbable.
 
-    Where the held-out errors stay unexplained, such physics may be all that there is. What was
+    Where held-out errors stay unexplained, such physics may be all that there is: an effect must
+    be more probable than not. Where they are explained, it is set aside if a formula without any
+    effect leaves it less than `SMALLEST_SHARE`; that formula is then what is known. What was
     fitted stays in the hypothesis. `error_ratio` as for `with_confidence`.
     """
-    if decision.verdict != UNKNOWN:
+    formula = decision.formula
+    described = formula is not None and bool(formula.terms)
+    if decision.verdict == NONE or (decision.verdict == EXPLAINED and not described):
         return decision
+    least = PROBABLE if decision.verdict == UNKNOWN else SMALLEST_SHARE
     probable, set_aside = [], []
     for effect in decision.effects:
-        if with_posterior(effect, error_ratio).confidence < PROBABLE:
+        if with_posterior(effect, error_ratio).confidence < least:
             set_aside.append(effect.effect.name)
         else:
             probable.append(effect)
+    if decision.verdict == EXPLAINED and set_aside and formula is not None:
+        decision = replace(decision, verdict=UNKNOWN, unexplained=formula.unexplained())
     return replace(decision, effects=probable, set_aside=tuple(set_aside))
 
 

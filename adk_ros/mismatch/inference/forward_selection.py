@@ -4,7 +4,8 @@
 Forward beam selection of effects with a penalised Huber loss.
 
 Single effects are screened and fitted; pairs and triples extend the best few, as long as the
-further effect is accepted (`inference.selection_path`).
+further effect is accepted (`inference.selection_path`). Effects of one cause
+(`library.catalogue.COMMON_CAUSES`) are also fitted together, whatever each gains alone.
 """
 
 from __future__ import annotations
@@ -31,6 +32,8 @@ from adk_ros.mismatch.inference.selection_path import (
     least_required_gain,
     penalised_loss,
 )
+from adk_ros.mismatch.inference.significance import significant_effects
+from adk_ros.mismatch.library.catalogue import COMMON_CAUSES
 from adk_ros.mismatch.library.criteria import (
     MIN_FIRST_GAIN,
     ONSET_MIN_FURTHER_GAIN,
@@ -87,17 +90,18 @@ def select_effects(
                 text = "one effect" if size == 1 else f"{size} effects"
                 progress(size - 1 + i / len(beam), max_effects, text)
             level += _extend(likelihood, start, lap, path)
-        level = _refit_competitive(likelihood, level, path)
-        if not level:
+        level = refit_competitive(likelihood, level + _of_one_cause(likelihood, null, size), path)
+        path.levels += [level] if level else []
+        if not level or not is_improvement(level[0], path.levels[size - 1][0], path):
             break
-        path.levels.append(level)
         best = level[0]
-        if not is_improvement(best, path.levels[size - 1][0], path):
-            break
         excess = max(best.loss - path.expected_loss, 0.0)
         margin = BEAM_EXCESS_SHARE * excess + BEAM_NOISE_SHARE * path.expected_loss
         limit = penalised_loss(best) + margin
         beam = [h for h in level[:BEAM_WIDTH] if penalised_loss(h) < limit]
+    if path.best() is null:
+        together = refit_competitive(likelihood, _of_one_cause(likelihood, null, 2), path)
+        path.levels += [together] if together else []
     return path
 
 
@@ -149,6 +153,19 @@ def _extend(
     for active in _top_candidates(screening.segments, segment_least, MAX_SEGMENTED_FITTED):
         extended = Hypothesis((*start.effects, active), start.nuisances, start.loss)
         out.append(refine_segments(likelihood, extended, jacobian))
+    return out
+
+
+def _of_one_cause(likelihood: Likelihood, null: Hypothesis, size: int) -> list[Hypothesis]:
+    """Fit the sets of `size` effects that one change of the car has together."""
+    out = []
+    for names in COMMON_CAUSES:
+        effects = [likelihood.effects[name] for name in names if name in likelihood.effects]
+        if size != len(effects) or likelihood.unobservable & set(names):
+            continue
+        starts = [tuple(p.theta_neutral + p.step for p in effect.parameters) for effect in effects]
+        active = [ActiveEffect(effect, x) for effect, x in zip(effects, starts, strict=True)]
+        out.append(likelihood.fit(active, nuisances=null.nuisances, budget=JOINT))
     return out
 
 
@@ -210,14 +227,20 @@ def _top_candidates(candidates: list[Candidate], least: float, count: int) -> li
     return [x.active for x in sorted(enough, key=lambda x: -x.gain)[:count]]
 
 
-def _refit_competitive(
+def refit_competitive(
     likelihood: Likelihood, level: list[Hypothesis], path: SelectionPath
 ) -> list[Hypothesis]:
-    """Fit the competitive hypotheses jointly; return the distinct ones with material effects."""
-    screened = _distinct(level)[:MAX_REFITS]
+    """
+    Fit the competitive hypotheses jointly; return the distinct ones with material effects.
+
+    A single effect that chance may have made comes after those that are significant.
+    """
+    distinct = _distinct(level)
     expected_loss = path.expected_loss
-    best_excess = max(screened[0].loss - expected_loss, 0.0) if screened else 0.0
-    # A joint fit may change the order of those that a screening fit leaves close together.
+    best_excess = max(distinct[0].loss - expected_loss, 0.0) if distinct else 0.0
+    # A joint fit may change the order of those that a screening fit leaves close together, but
+    # hardly makes an immaterial effect material: a delay of a millisecond may gain the most.
+    screened = sorted(distinct, key=lambda h: not _is_material(h))[:MAX_REFITS]
     limit = REFIT_EXCESS_RATIO * best_excess + REFIT_NOISE_SHARE * expected_loss
     limit += REFIT_NULL_SHARE * path.null_excess_loss
     fitted = [
@@ -226,7 +249,17 @@ def _refit_competitive(
         else h
         for h in screened
     ]
-    return _distinct([h for h in fitted if all(a.is_material() for a in h.effects)])
+    out = _distinct([h for h in fitted if _is_material(h)])
+    return sorted(
+        out,
+        key=lambda h: (
+            len(h.effects) == 1 and not significant_effects(likelihood, h, path.examined)
+        ),
+    )
+
+
+def _is_material(h: Hypothesis) -> bool:
+    return all(active.is_material() for active in h.effects)
 
 
 def _distinct(level: list[Hypothesis]) -> list[Hypothesis]:

@@ -45,6 +45,12 @@ Effects that no recording of the same channels can distinguish: above walking pa
 resistance and a constant torque are the same constant force, and what makes one of them fit better
 is the surrogate's own error.
 """
+_SEPARATE_SHARE = 0.5
+"""
+An effect that gains the greater part of its gain also next to an immaterial one, such as a delay
+of a millisecond, explains something else: the immaterial one is no alternative to it.
+"""
+_DIRECTIONS = {"v_x": "longitudinal", "v_y": "lateral", "yaw_rate": "lateral"}
 
 
 @dataclass(frozen=True)
@@ -119,6 +125,12 @@ def assess_identifiability(likelihood: Likelihood, h: Hypothesis, which: int) ->
             difference = fitted.loss - h.loss
         name = candidate.active.effect.name
         competitor = fitted.effects[-1]
+        if not competitor.is_material() and difference < 0.0:
+            both = likelihood.fit(
+                [*fitted.effects, active], nuisances=fitted.nuisances, budget=COMPETITOR_REFIT
+            )
+            if fitted.loss - both.loss > _SEPARATE_SHARE * gain:
+                continue
         overparameterised = has_inactive_parameter(competitor, active)
         alternative = (
             (difference < margin or name in equivalent)
@@ -150,10 +162,22 @@ def _similar_effects(
     for effect in linearised.likelihood.effects.values():
         if effect.name in excluded or kind not in effect.activations:
             continue
+        if act_apart(effect, active.effect):
+            continue
         first = linearised.screen_effect(effect, active.activation)[0]
         factor = CONFUSABLE_GAIN_FACTOR if effect.name in likely else 1.0
         candidates.append(Candidate(first.active, first.gain * factor))
     return sorted(candidates, key=lambda x: -x.gain)
+
+
+def act_apart(one: Effect, other: Effect) -> bool:
+    """
+    Whether one effect acts along the car alone, and the other to its side alone.
+
+    Neither explains what the other does, however much each gains.
+    """
+    directions = [{_DIRECTIONS.get(name) for name in x.equations} for x in (one, other)]
+    return not any(None in x for x in directions) and not directions[0] & directions[1]
 
 
 def has_inactive_parameter(competitor: ActiveEffect, active: ActiveEffect) -> bool:

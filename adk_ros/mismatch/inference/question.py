@@ -16,7 +16,8 @@ import numpy as np
 
 from adk_ros.mismatch.inference.asked_effect import FORMULA, AskedEffect, AskedFit
 from adk_ros.mismatch.inference.change_points import locate_change_point
-from adk_ros.mismatch.inference.decision import Decision, confidence_intervals
+from adk_ros.mismatch.inference.decision import Decision
+from adk_ros.mismatch.inference.effect_intervals import confidence_intervals
 from adk_ros.mismatch.inference.experiment_design import (
     Discriminability,
     most_discriminating_manoeuvre,

@@ -8,7 +8,7 @@ A hypothesis costs its loss plus `PENALTY_PER_PARAMETER` for each fitted variabl
 at least
 
 - `MIN_GAIN`, the first one `MIN_FIRST_GAIN`,
-- `MIN_GAIN_PER_EXCESS` of the excess loss before it,
+- `MIN_GAIN_PER_EXCESS` of the excess loss before it, above what chance causes,
 - `MIN_GAIN_PER_NULL_EXCESS` of the excess loss before any effect: of all channels, or of the
   longitudinal or the lateral ones where no effect before it acts in that direction,
 - `MIN_GAIN_PER_SURROGATE_ERROR` of the surrogate error, the first one
@@ -19,6 +19,7 @@ at least
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
@@ -38,6 +39,7 @@ from adk_ros.mismatch.library.criteria import (
 )
 from adk_ros.mismatch.library.sensitivity import decided
 from adk_ros.numerics.arrays import FloatArray
+from adk_ros.numerics.constants import QUANTILE_90
 
 _EQUATIONS = (frozenset({"v_x"}), frozenset({"v_y", "yaw_rate"}))
 """Of the longitudinal and of the lateral direction."""
@@ -65,13 +67,13 @@ class SelectionPath:
     examined: int = 0
     """Number of effects, places and onsets among which the first effect was chosen."""
 
-    def best(self) -> Hypothesis:
-        """Return the largest hypothesis each of whose effects is accepted."""
+    def best(self, most: int | None = None) -> Hypothesis:
+        """Return the largest hypothesis, of at most `most` effects, each of which is accepted."""
         chosen = self.levels[0][0]
         for level in self.levels[1:]:
-            if not level or not is_improvement(level[0], chosen, self):
-                break
-            chosen = level[0]
+            best = next((h for h in level if most is None or len(h.effects) <= most), None)
+            if best is not None and is_improvement(best, chosen, self):
+                chosen = best
         return chosen
 
 
@@ -160,7 +162,9 @@ def _required_gain(
     before: Hypothesis, path: SelectionPath, null_excess: float
 ) -> Callable[..., float]:
     """Return the least gain as a function of the constants that apply (`_constants`)."""
-    excess = max(before.loss - path.expected_loss, 0.0)
+    # The loss of n Gaussian residuals is a chi-square: mean n, variance 2 n.
+    chance = QUANTILE_90 * math.sqrt(2.0 * path.expected_loss)
+    excess = max(before.loss - path.expected_loss - chance, 0.0)
 
     def required(least: float, share: float, per_excess: float, per_null: float) -> float:
         return max(

@@ -20,6 +20,11 @@ INSEPARABLE = (
 Effects that no recording of driving forward separates: torque enters as torque over radius, and
 both drags are constant forces.
 """
+COMMON_CAUSES = (("front_tyre_stiffness", "rear_tyre_stiffness"),)
+"""
+Effects that one change of a car, other tyres, has together. Each may gain little without the
+other, which keeps the balance of the car.
+"""
 
 
 @lru_cache(maxsize=16)

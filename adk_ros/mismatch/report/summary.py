@@ -7,6 +7,7 @@ from __future__ import annotations
 import math
 
 from adk_ros.mismatch.inference.feature_effect import EQUATION_TEXTS
+from adk_ros.mismatch.inference.final_estimate import PROBABLE
 from adk_ros.mismatch.inference.result import (
     EXPLAINED,
     NONE,
@@ -191,7 +192,19 @@ def sentence(result: MismatchResult) -> str:
             f"{said}. {improvement}{effects}{missing}"
         )
     shown = shown_text(result, nothing_else=True)
-    return f"The recording shows {shown}. {improvement}{missing}"
+    return f"The recording shows {shown}. {improvement}{_doubt_text(result)}{missing}"
+
+
+def _doubt_text(result: MismatchResult) -> str:
+    """Return which effects are less probable than not; a sentence, or nothing."""
+    doubtful = [x for x in result.effects if x.confidence < PROBABLE]
+    if not doubtful:
+        return ""
+    names = listed([f"{title(x.effect.name)} {100.0 * x.confidence:.0f} %" for x in doubtful])
+    return (
+        f" A formula without any known effect describes the recording as well: the probability of "
+        f"{names}."
+    )
 
 
 def _set_aside_text(result: MismatchResult) -> str:

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from adk_ros.mismatch.inference.confidence import ABSENT, Evidence
-from adk_ros.mismatch.inference.decision import confidence_intervals
+from adk_ros.mismatch.inference.effect_intervals import confidence_intervals
 from adk_ros.mismatch.inference.final_estimate import with_posterior
 from adk_ros.mismatch.inference.identifiability import (
     STRUCTURALLY_EQUIVALENT,

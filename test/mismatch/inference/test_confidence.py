@@ -21,7 +21,10 @@ from adk_ros.mismatch.inference.final_estimate import with_confidence, without_i
 from adk_ros.mismatch.inference.hypothesis import Hypothesis, inactive_effect
 from adk_ros.mismatch.inference.identifiability import CompetingEffect
 from adk_ros.mismatch.inference.result import EXPLAINED, UNKNOWN, IdentifiedEffect
+from adk_ros.mismatch.inference.term_meaning import Body
+from adk_ros.mismatch.inference.unmodelled import UnmodelledDynamics
 from adk_ros.mismatch.library.catalogue import EFFECTS
+from adk_ros.mismatch.surrogate.feature_terms import FeatureTerm
 
 BLOCKS = 16
 
@@ -116,3 +119,22 @@ def test_an_effect_next_to_larger_unexplained_errors_is_set_aside() -> None:
     left = without_improbable(unknown, 6.0)
     assert (left.effects, left.set_aside) == ([], ("aero_drag",))
     assert left.hypothesis is unknown.hypothesis
+
+
+def test_a_formula_that_describes_more_leaves_nothing_explained() -> None:
+    """Next to it the effect is improbable, though it explains the errors."""
+    term = FeatureTerm("v_y", "yaw_rate", -3.75, 900.0)
+    explained = decision(10.0)
+    formula = UnmodelledDynamics(1.0, (term,), explained.hypothesis, Body(1800.0, 3000.0, 0.3))
+    described = replace(explained, formula=formula)
+    assert without_improbable(described, 0.5) == described
+    # Less probable than not: claimed, with a word of doubt.
+    doubtful = without_improbable(described, 6.0)
+    assert 0.05 < with_confidence(doubtful, 6.0).effects[0].confidence < 0.5
+    assert doubtful.verdict == EXPLAINED
+    left = without_improbable(described, 60.0)
+    assert (left.verdict, left.effects, left.set_aside) == (UNKNOWN, [], ("aero_drag",))
+    assert left.unexplained is not None
+    assert left.unexplained.terms == (term,)
+    without_terms = replace(explained, formula=replace(formula, terms=()))
+    assert without_improbable(without_terms, 6.0) is without_terms

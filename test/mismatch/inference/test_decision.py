@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from adk_ros.mismatch.inference import decision
-from adk_ros.mismatch.inference.decision import confidence_interval, prefers_feature_model
+from adk_ros.mismatch.inference.decision import prefers_feature_model
+from adk_ros.mismatch.inference.effect_intervals import confidence_interval
 from adk_ros.mismatch.inference.feature_effect import (
     FeatureEffect,
     catalogue_effects,
@@ -183,9 +184,15 @@ def test_competing_effects_are_those_of_the_effect_that_is_named(
         return Identifiability(500.0, (competitor,), LeftOutScores(np.zeros(3), 0.0), ())
 
     monkeypatch.setattr(decision, "assess_identifiability", assessed)
-    h, found = decision._resolve_competitors(Fitted(), effects(100.0, chain[0]))
+    monkeypatch.setattr(decision, "significant_effects", lambda _, h, examined: list(h.effects))
+    h, found = decision._resolve_competitors(Fitted(), effects(100.0, chain[0]), 1000)
     named = h.effects[0].effect.name
     # Three exchanges at most.
     assert named == chain[min(exchanges, 3)]
     assert found[0].competitors[0].of == named
     assert named not in found[0].alternatives
+    # What chance may have made takes no place.
+    monkeypatch.setattr(decision, "significant_effects", lambda _, h, examined: [])
+    h, found = decision._resolve_competitors(Fitted(), effects(100.0, chain[0]), 1000)
+    assert h.effects[0].effect.name == chain[0]
+    assert found[0].competitors[0].of == chain[0]
