@@ -14,7 +14,13 @@ import pytest
 from adk_ros.bench.mismatch.case_generator import GeneratedCase, InjectedMismatch, make_case
 from adk_ros.bench.vehicles.multibody import MULTI_BODY
 from adk_ros.mismatch.analysis import identify_mismatch
-from adk_ros.mismatch.inference.result import EXPLAINED, NONE, UNKNOWN, MismatchResult
+from adk_ros.mismatch.inference.result import (
+    EXPLAINED,
+    NONE,
+    NOT_EXPORTED,
+    UNKNOWN,
+    MismatchResult,
+)
 from adk_ros.mismatch.library.criteria import HELD_OUT_SHARE
 from adk_ros.mismatch.report.result_files import as_dict
 from adk_ros.mismatch.report.summary import sentence
@@ -123,6 +129,81 @@ def test_a_foreign_car_has_more_yaw_inertia() -> None:
     assert claimed(result) == ["yaw_inertia"]
     (found,) = result.effects
     assert found.parameters["scale"].value == pytest.approx(1.25, rel=0.03)
+
+
+@pytest.mark.parametrize("seed", [22, 23])
+def test_a_foreign_car_has_softer_tyres(seed: int) -> None:
+    """
+    On both axles: what the front tyres do to the yaw rate the rear ones undo.
+
+    An axle's stiffness changes by more than the coefficient (`multibody_changes`).
+    """
+    injected = InjectedMismatch(
+        {"front_tyre_stiffness": {"scale": 0.8}, "rear_tyre_stiffness": {"scale": 0.8}}
+    )
+    case = make_case("tyres", injected, seed, MULTI_BODY, seconds=SECONDS)
+    result = identify_mismatch(case.simulation, case.recording, case.nominal)
+    assert result.verdict == EXPLAINED
+    assert sorted(claimed(result)) == ["front_tyre_stiffness", "rear_tyre_stiffness"]
+    for effect in result.effects:
+        assert effect.parameters["scale"].value == pytest.approx(0.79, abs=0.06)
+
+
+def test_a_foreign_car_is_loaded() -> None:
+    injected = InjectedMismatch({"payload": {"mass": 200.0}})
+    case = make_case("payload", injected, 22, MULTI_BODY, seconds=SECONDS)
+    result = identify_mismatch(case.simulation, case.recording, case.nominal)
+    assert claimed(result) == ["payload"]
+    (found,) = result.effects
+    assert found.parameters["mass"].value == pytest.approx(200.0, rel=0.03)
+
+
+def test_a_foreign_car_without_a_change_is_clean() -> None:
+    case = make_case("clean", InjectedMismatch(), 22, MULTI_BODY, seconds=SECONDS)
+    result = identify_mismatch(case.simulation, case.recording, case.nominal)
+    assert (result.verdict, result.effects) == (NONE, [])
+
+
+@pytest.mark.parametrize("seed", [21, 22])
+def test_a_slippery_stretch_lowers_the_held_out_errors(seed: int) -> None:
+    """Further effects that end at their bounds do not hide it."""
+    injected = InjectedMismatch({"low_friction": FULL["low_friction"]}, {"low_friction": "place"})
+    case = make_case("patch", injected, seed, seconds=SECONDS)
+    result = identify_mismatch(case.simulation, case.recording, case.nominal)
+    assert result.verdict == EXPLAINED
+    assert claimed(result) == ["low_friction"]
+    (found,) = result.effects
+    assert found.kind == "place"
+    assert found.parameters["mu_scale"].value == pytest.approx(0.6, abs=0.05)
+    assert result.held_out is not None
+    assert result.held_out.export != NOT_EXPORTED
+    assert result.after["yaw_rate"] < 0.98 * result.before["yaw_rate"]
+
+
+def test_brakes_that_pulse_are_episodes() -> None:
+    """Their times are said, not that they depend on a constant."""
+    result = result_of("phantom_braking")
+    assert result.verdict == UNKNOWN
+    assert claimed(result) == []
+    assert result.unexplained is not None
+    assert result.unexplained.equations == ["v_x"]
+    said = re.search(r"against time: (\d+) episodes of ([\d.]+) to", result.unexplained.text)
+    assert said is not None
+    assert int(said[1]) >= 10
+    assert "constant" not in sentence(result)
+
+
+def test_a_lag_below_the_threshold_is_listed_with_its_size() -> None:
+    """Next to larger unexplained pulses, it is no claim."""
+    injected = InjectedMismatch({"steering_lag": {"tau": 0.02}}, unlisted={"phantom_braking": 1.0})
+    case = make_case("lag", injected, 21, seconds=SECONDS)
+    result = identify_mismatch(case.simulation, case.recording, case.nominal)
+    assert result.verdict == UNKNOWN
+    assert result.effects == []
+    (lag,) = (x for x in result.candidates if x.name == "steering_lag")
+    assert lag.parameters["tau"].value == pytest.approx(0.02, rel=0.25)
+    assert 0.02 < lag.share < 0.25
+    assert re.fullmatch(r"it reduces the loss by \d+; at least \d+ is required", lag.reason)
 
 
 def test_a_change_in_the_held_out_part_alone_is_not_selected() -> None:
