@@ -91,6 +91,13 @@ def pair_text(before: float, after: float) -> tuple[str, str]:
     decimals = 1 - math.floor(math.log10(min(before, after)))
     most = 3 - math.floor(math.log10(max(before, after)))
     places = max(min(decimals, most), 0)
+    first, second = _with_decimals(before, after, places)
+    if first == second and before != after:
+        return _with_decimals(before, after, places + 1)
+    return first, second
+
+
+def _with_decimals(before: float, after: float, places: int) -> tuple[str, str]:
     first, second = (
         f"{x:.{places}f}" if x >= 10.0**-places else f"{x:.2g}" for x in (before, after)
     )

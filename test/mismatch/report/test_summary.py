@@ -301,6 +301,9 @@ def test_digits_follow_the_interval() -> None:
     assert interval_text(Interval(45e3, 44e3, 46e3, "W"), POWER) == ("45 kW (44 to 46)")
     assert interval_text(Interval(45e3, 40e3, 1e12, "W"), POWER) == ("45 kW (at least 40)")
     assert pair_text(0.145, 0.012) == ("0.145", "0.012")
+    # Two errors that differ are not printed as one.
+    assert pair_text(0.02321, 0.02268) == ("0.0232", "0.0227")
+    assert pair_text(0.023, 0.023) == ("0.023", "0.023")
     assert pair_text(2.0, 1e-5) == ("2.000", "1e-05")
     assert pair_text(0.5, 0.0) == ("0.5", "0")
     assert listed(["a"]) == "a"
