@@ -18,6 +18,7 @@ from adk_ros.mismatch.inference.downweighted import (
     with_episodes,
 )
 from adk_ros.mismatch.inference.final_estimate import (
+    formula_instead,
     refitted,
     with_confidence,
     without_improbable,
@@ -131,6 +132,7 @@ def _decided(
 
     null, reason = path.levels[0][0], ""
     decision = without_places_on_slopes(decision, null, evidence, validated)
+    decision = formula_instead(decision)
     if not is_corroborated(decision.hypothesis, training, whole, path.expected_loss):
         decision, reason = withdrawn(decision, null), _NOT_CORROBORATED
     known = data.observable.adapted(surrogate)

@@ -62,7 +62,7 @@ def is_contradicted(decision: Decision, validation: Validation) -> bool:
     Whether held-out errors speak against effects of the vehicle that explain a recording.
 
     They do where noise, build tolerance and the surrogate's own error explained every error before
-    the correction, and each part of it raises one, so that nothing is exported.
+    the correction, and this raises one, so that nothing is exported (`export_choice`).
     """
     errors, effects = validation.errors, decision.hypothesis.effects
     if decision.verdict != EXPLAINED or validation.export != NOT_EXPORTED:

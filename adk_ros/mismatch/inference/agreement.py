@@ -65,9 +65,11 @@ def sizes_from(decision: Decision, joint: JointLikelihood, kept: Collection[int]
 
 def best_single(path: SelectionPath, decision: Decision) -> Decision | None:
     """Return the best single effect of a selection, if it gains enough and is not decided."""
-    if len(path.levels) < 2:
+    null = path.levels[0][0]
+    single = (h for level in path.levels[1:] for h in level if len(h.effects) == 1)
+    h = next(single, None)
+    if h is None:
         return None
-    null, h = path.levels[0][0], path.levels[1][0]
     (active,) = h.effects
     decided = {name for e in decision.effects for name in (e.effect.name, *e.alternatives)}
     if active.effect.name in decided or not is_improvement(h, null, path):

@@ -9,7 +9,7 @@ from adk_ros.mismatch.inference.decision import Decision
 from adk_ros.mismatch.inference.effect_intervals import confidence_intervals
 from adk_ros.mismatch.inference.hypothesis import Hypothesis
 from adk_ros.mismatch.inference.likelihood import Likelihood
-from adk_ros.mismatch.inference.result import NONE, RejectedCandidate
+from adk_ros.mismatch.inference.result import NONE, NOT_SUPPORTED, RejectedCandidate
 from adk_ros.mismatch.inference.selection_path import (
     SelectionPath,
     is_improvement,
@@ -74,8 +74,5 @@ def _reason(likelihood: Likelihood, h: Hypothesis, path: SelectionPath, decision
     if not significant_effects(likelihood, h, path.examined):
         return "chance reaches this size somewhere among all effects, places and onsets examined"
     if decision.verdict == NONE:
-        return (
-            "the errors are explained without it, and data that it was not fitted to do not "
-            "support it"
-        )
+        return NOT_SUPPORTED
     return "it does not explain the errors on held-out data"

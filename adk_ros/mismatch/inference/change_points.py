@@ -19,7 +19,8 @@ def locate_change_point(linearised: LinearisedProblem, active: ActiveEffect) -> 
     Return the effect with the onset of the largest linearised gain, or None.
 
     `active` gives the size at which the derivative is taken. With s the effect's column and e the
-    projected residuals, an onset at t gains (sum over later s e)^2 / (sum over later s^2).
+    projected residuals, an onset at t gains about (sum over later s e)^2 / (sum over later s^2);
+    that of the best onset is then computed with the other parameters fitted again.
     """
     problem = linearised.likelihood.problem
     column = linearised.column(active)
@@ -41,10 +42,16 @@ def locate_change_point(linearised: LinearisedProblem, active: ActiveEffect) -> 
     if not allowed.any():
         return None
     best = int(np.argmax(np.where(allowed, gain, -1.0)))
+    later = np.tile(onset_s >= onset_s[best], 6)
+    masked = np.zeros_like(column)
+    masked[:n] = np.where(later, column[:n], 0.0)
+    size, exact = linearised.solve(masked[:, None])
+    if size[0] <= 0.0:
+        return None
     activation = Activation(onset_s=float(onset_s[best]))
     theta = []
     for parameter, x in zip(active.effect.parameters, active.theta, strict=True):
         neutral = parameter.theta_neutral
-        value = x if parameter.starts else neutral + (x - neutral) * float(share[best])
+        value = x if parameter.starts else neutral + (x - neutral) * float(size[0])
         theta.append(float(np.clip(value, *parameter.bounds())))
-    return Candidate(ActiveEffect(active.effect, tuple(theta), activation), float(gain[best]))
+    return Candidate(ActiveEffect(active.effect, tuple(theta), activation), exact)

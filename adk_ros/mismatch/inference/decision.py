@@ -114,7 +114,7 @@ def best_within_bounds(path: SelectionPath) -> Hypothesis:
     """
     Return the largest accepted hypothesis without a variable at its bound, or a single effect.
 
-    A fit at a bound is no claim, and speaks against the effect added last, not against the others.
+    A fit at a bound is no claim, and speaks against the larger hypothesis, not against its parts.
     """
     best = path.best()
     while len(best.effects) > 1 and _is_at_bound(best):
@@ -163,28 +163,31 @@ def _resolve_competitors(
     `significant_effects`.
     """
     identifiability = _identifiability(likelihood, h)
-    refused: set[str] = set()
-    for _ in range(MAX_REPLACEMENTS):
+    refused: set[tuple[str, str]] = set()
+    exchanges = 0
+    while exchanges < MAX_REPLACEMENTS:
         ranked = [
             (competitor.loss_difference, i, j)
             for i, one in identifiability.items()
             for j, competitor in enumerate(one.competitors)
-            if competitor.fitted.is_material() and competitor.name not in refused
+            if competitor.fitted.is_material() and (competitor.of, competitor.name) not in refused
         ]
         difference, which, best = min(ranked, default=(0.0, 0, 0))
         if not _replaces(difference):
             break
         effects = list(h.effects)
-        effects[which] = identifiability[which].competitors[best].fitted
+        competitor = identifiability[which].competitors[best]
+        effects[which] = competitor.fitted
         replaced = likelihood.fit(
             effects, nuisances=h.nuisances, budget=REPLACEMENT, fit_activation=True
         )
         if replaced.effects[which] in significant_effects(likelihood, replaced, examined):
             h = replaced
+            exchanges += 1
             identifiability = _identifiability(likelihood, h)
         else:
-            refused.add(effects[which].effect.name)
-    return h, identifiability
+            refused.add((competitor.of, competitor.name))
+    return h, {i: one.without_alternatives(refused) for i, one in identifiability.items()}
 
 
 def _identifiability(likelihood: Likelihood, h: Hypothesis) -> dict[int, Identifiability]:

@@ -12,12 +12,17 @@ from adk_ros.mismatch.inference.decision import Decision
 from adk_ros.mismatch.inference.effect_intervals import confidence_intervals
 from adk_ros.mismatch.inference.fit_budget import FINAL
 from adk_ros.mismatch.inference.likelihood import Likelihood
-from adk_ros.mismatch.inference.result import EXPLAINED, NONE, UNKNOWN, IdentifiedEffect
+from adk_ros.mismatch.inference.result import EXPLAINED, UNKNOWN, IdentifiedEffect
 
 CREDIBLE = 0.9
 """Probability of the set of effects that is reported, one of which is present. Convention."""
 SMALLEST_SHARE = 0.05
-"""Least probability of an effect in that set: the usual size of a significance test."""
+"""
+Least probability of an effect in that set, and of one that is claimed next to a formula: the usual
+size of a significance test.
+"""
+_LARGEST_EXPLAINED = 1.0
+"""Largest held-out error, over what a correct model explains, of an explained recording."""
 
 PROBABLE = 0.5
 """
@@ -30,25 +35,36 @@ def without_improbable(decision: Decision, error_ratio: float) -> Decision:
     """
     Return a decision without effects that physics that nothing describes makes improbable.
 
-    Where held-out errors stay unexplained, such physics may be all that there is: an effect must
-    be more probable than not. Where they are explained, it is set aside if a formula without any
-    effect leaves it less than `SMALLEST_SHARE`; that formula is then what is known. What was
+    Where the held-out errors stay unexplained, such physics may be all that there is. What was
     fitted stays in the hypothesis. `error_ratio` as for `with_confidence`.
     """
-    formula = decision.formula
-    described = formula is not None and bool(formula.terms)
-    if decision.verdict == NONE or (decision.verdict == EXPLAINED and not described):
+    if decision.verdict != UNKNOWN:
         return decision
-    least = PROBABLE if decision.verdict == UNKNOWN else SMALLEST_SHARE
     probable, set_aside = [], []
     for effect in decision.effects:
-        if with_posterior(effect, error_ratio).confidence < least:
+        if with_posterior(effect, error_ratio).confidence < PROBABLE:
             set_aside.append(effect.effect.name)
         else:
             probable.append(effect)
-    if decision.verdict == EXPLAINED and set_aside and formula is not None:
-        decision = replace(decision, verdict=UNKNOWN, unexplained=formula.unexplained())
     return replace(decision, effects=probable, set_aside=tuple(set_aside))
+
+
+def formula_instead(decision: Decision) -> Decision:
+    """
+    Return a decision with the formula that makes the effects of an explained one improbable.
+
+    Below `SMALLEST_SHARE` an effect is refuted at the usual level; the formula describes the data
+    without any effect. The decision itself where there is none.
+    """
+    formula = decision.formula
+    if decision.verdict != EXPLAINED or formula is None or not formula.terms:
+        return decision
+    if all(
+        with_posterior(effect, _LARGEST_EXPLAINED).confidence >= SMALLEST_SHARE
+        for effect in decision.effects
+    ):
+        return decision
+    return Decision(UNKNOWN, [], formula.unexplained(), formula.hypothesis, formula)
 
 
 def refitted(decision: Decision, likelihood: Likelihood) -> Decision:

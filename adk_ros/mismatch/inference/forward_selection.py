@@ -92,14 +92,14 @@ def select_effects(
             level += _extend(likelihood, start, lap, path)
         level = refit_competitive(likelihood, level + _of_one_cause(likelihood, null, size), path)
         path.levels += [level] if level else []
-        if not level or not is_improvement(level[0], path.levels[size - 1][0], path):
+        if not level or not path.accepts(level[0], path.levels[size - 1][0]):
             break
         best = level[0]
         excess = max(best.loss - path.expected_loss, 0.0)
         margin = BEAM_EXCESS_SHARE * excess + BEAM_NOISE_SHARE * path.expected_loss
         limit = penalised_loss(best) + margin
         beam = [h for h in level[:BEAM_WIDTH] if penalised_loss(h) < limit]
-    if path.best() is null:
+    if max_effects > 1 and path.best() is null:
         together = refit_competitive(likelihood, _of_one_cause(likelihood, null, 2), path)
         path.levels += [together] if together else []
     return path
@@ -233,7 +233,8 @@ def refit_competitive(
     """
     Fit the competitive hypotheses jointly; return the distinct ones with material effects.
 
-    A single effect that chance may have made comes after those that are significant.
+    A single effect comes first if it gains enough and is significant, so that chance did not make
+    it.
     """
     distinct = _distinct(level)
     expected_loss = path.expected_loss
@@ -249,13 +250,15 @@ def refit_competitive(
         else h
         for h in screened
     ]
+    null = path.levels[0][0]
+
+    def is_claimable(h: Hypothesis) -> bool:
+        return is_improvement(h, null, path) and bool(
+            significant_effects(likelihood, h, path.examined)
+        )
+
     out = _distinct([h for h in fitted if _is_material(h)])
-    return sorted(
-        out,
-        key=lambda h: (
-            len(h.effects) == 1 and not significant_effects(likelihood, h, path.examined)
-        ),
-    )
+    return sorted(out, key=lambda h: len(h.effects) == 1 and not is_claimable(h))
 
 
 def _is_material(h: Hypothesis) -> bool:

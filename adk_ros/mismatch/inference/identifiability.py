@@ -11,8 +11,8 @@ recording.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 from adk_ros.mismatch.inference.block_scores import BlockScores
@@ -95,6 +95,14 @@ class Identifiability:
         """Names of effects that the data do not distinguish from it."""
         return [competitor.name for competitor in self.competitors if competitor.alternative]
 
+    def without_alternatives(self, refused: Collection[tuple[str, str]]) -> Identifiability:
+        """Return it with competitors (of, name) that are no alternatives, whatever their loss."""
+        competitors = tuple(
+            replace(c, alternative=c.alternative and (c.of, c.name) not in refused)
+            for c in self.competitors
+        )
+        return replace(self, competitors=competitors)
+
 
 def assess_identifiability(likelihood: Likelihood, h: Hypothesis, which: int) -> Identifiability:
     """Fit the most similar effects in place of effect `which` of a hypothesis."""
@@ -125,7 +133,7 @@ def assess_identifiability(likelihood: Likelihood, h: Hypothesis, which: int) ->
             difference = fitted.loss - h.loss
         name = candidate.active.effect.name
         competitor = fitted.effects[-1]
-        if not competitor.is_material() and difference < 0.0:
+        if not competitor.is_material() and difference < margin:
             both = likelihood.fit(
                 [*fitted.effects, active], nuisances=fitted.nuisances, budget=COMPETITOR_REFIT
             )

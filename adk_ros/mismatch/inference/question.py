@@ -27,6 +27,7 @@ from adk_ros.mismatch.inference.fit_budget import ABLATION, FINAL, SCREENING
 from adk_ros.mismatch.inference.hypothesis import ActiveEffect, Hypothesis, inactive_effect
 from adk_ros.mismatch.inference.likelihood import Likelihood
 from adk_ros.mismatch.inference.required_size import Reach, more_driving, sufficient_loss
+from adk_ros.mismatch.inference.result import NONE, NOT_SUPPORTED
 from adk_ros.mismatch.inference.score_test import LinearisedProblem
 from adk_ros.mismatch.inference.segments import fit_segments, refine_segments
 from adk_ros.mismatch.inference.selection_path import (
@@ -205,6 +206,8 @@ def _reason(answered: AskedEffect, decision: Decision) -> str:
         return "its gain in loss is below the required one"
     if not fit.is_significant:
         return "chance reaches this size somewhere among all effects, places and onsets examined"
+    if decision.verdict == NONE:
+        return NOT_SUPPORTED
     if not decision.effects:
         return "it does not explain the errors on held-out data"
     return (

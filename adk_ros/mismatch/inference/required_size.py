@@ -8,7 +8,8 @@ present effect is about (s / sigma)^2, since a loss difference is twice a log-li
 The size from which it would be claimed on this recording is where this gain is the required one
 and the size is significant. The required gain depends on the size too, through the excess loss
 that the effect causes. On k times as much driving of the same kind, gain, excess losses and
-surrogate error are k times as large, and only the fixed part of the required gain is not.
+surrogate error are k times as large; the fixed part of the required gain is not, and what chance
+adds to the excess loss grows with the root of k.
 """
 
 from __future__ import annotations

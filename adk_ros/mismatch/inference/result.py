@@ -34,6 +34,10 @@ FULL, HALF_TOLERANCES, WITHOUT_TOLERANCES, WITHOUT_FEATURES, NOT_EXPORTED = (
     "none",
 )
 """What an exported correction consists of, in the order in which it is tried."""
+NOT_SUPPORTED = (
+    "the errors are explained without it, and data that it was not fitted to do not support it"
+)
+"""Why an effect is not claimed where nothing is missing."""
 NOT_CHECKED = (
     "no prediction error could be measured: in the held-out data the car does not move, or only "
     "in ways that the simulation does not reach"
@@ -236,8 +240,9 @@ class MismatchResult:
 
     `before`, `after`: RMSE of v_x, v_y and yaw rate `horizon_s` ahead, on the last part of the
     recording, which the parameters of `after` were not fitted to; NaN where a channel allows no
-    statement. `steps`: the best hypothesis with 0, 1, 2, ... effects; `expected_loss`
-    that of a perfect model. `simulation_yaml`, `corrected_yaml`: the models' files.
+    statement. `steps`: the best hypothesis of each size, without effects first;
+    `expected_loss` that of a perfect model. `simulation_yaml`, `corrected_yaml`: the models'
+    files.
     """
 
     verdict: str

@@ -50,7 +50,8 @@ class SelectionPath:
     """
     The hypotheses of a selection.
 
-    `levels[k]` are hypotheses with k effects, best first; `profiles` the effects' sizes along the
+    `levels` are hypotheses of increasing size, best first; those of one cause may follow without
+    smaller ones; `profiles` the effects' sizes along the
     lap as they were estimated.
     """
 
@@ -72,22 +73,33 @@ class SelectionPath:
         chosen = self.levels[0][0]
         for level in self.levels[1:]:
             best = next((h for h in level if most is None or len(h.effects) <= most), None)
-            if best is not None and is_improvement(best, chosen, self):
+            if best is not None and self.accepts(best, chosen):
                 chosen = best
         return chosen
 
+    def accepts(self, h: Hypothesis, chosen: Hypothesis) -> bool:
+        """Whether `h` gains enough over `chosen`, and over each fitted part of it."""
+        names = set(h.names)
+        parts = [x for level in self.levels[1:] for x in level if set(x.names) < names]
+        return all(is_improvement(h, before, self) for before in (chosen, *parts))
+
 
 def selection_steps(path: SelectionPath) -> list[SelectionStep]:
-    """Return the best hypothesis of each size, with what its last effect gained."""
-    steps = [SelectionStep((), path.levels[0][0].loss)]
-    for starts, level in zip(path.levels, path.levels[1:], strict=False):
-        before, best = starts[0], level[0]
-        constants = _constants(before, path)
+    """Return the best hypothesis of each size, and what it gained over the accepted one before."""
+    before = path.levels[0][0]
+    steps = [SelectionStep((), before.loss)]
+    for level in path.levels[1:]:
+        best = level[0]
+        constants, more = _constants(before, path), _more_effects(best, before)
         gain, required = max(
-            ((gain, rule(*constants.values())) for gain, rule in _gains(best, before, path)),
+            (
+                (gain, more * rule(*constants.values()))
+                for gain, rule in _gains(best, before, path)
+            ),
             key=lambda pair: pair[0] / pair[1],
         )
         steps.append(SelectionStep(best.names, best.loss, gain, required))
+        before = best if path.accepts(best, before) else before
     return steps
 
 
@@ -102,12 +114,16 @@ def penalised_loss(h: Hypothesis) -> float:
 
 def is_improvement(h: Hypothesis, before: Hypothesis, path: SelectionPath) -> bool:
     """Whether `h` gains enough over `before`, which has fewer effects."""
-    n_more = max(len(h.effects) - len(before.effects), 1)
+    more = _more_effects(h, before)
     gains = _gains(h, before, path)
     return decided(
-        lambda *values: any(gain > n_more * required(*values) for gain, required in gains),
+        lambda *values: any(gain > more * required(*values) for gain, required in gains),
         **_constants(before, path),
     )
+
+
+def _more_effects(h: Hypothesis, before: Hypothesis) -> int:
+    return max(len(h.effects) - len(before.effects), 1)
 
 
 def min_required_gain(before: Hypothesis, path: SelectionPath) -> float:

@@ -143,9 +143,9 @@ def loss_rows(result: MismatchResult) -> Rows:
         if decision and has_formula:
             decision = "selected, with a formula for the remaining residual"
         if len(names) > selected:
-            decision = "rejected: " + (
-                "a formula fits the remaining residual better" if has_formula else "gain too small"
-            )
+            why = "gain too small" if step.gain <= step.required else "not supported by all data"
+            why = "a formula fits the remaining residual better" if has_formula else why
+            decision = f"rejected: {why}"
         ratio = loss / result.expected_loss if result.expected_loss > 0.0 else math.nan
         rows.append(
             [

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import math
 
+from adk_ros.mismatch.inference.confidence import UNLISTED
 from adk_ros.mismatch.inference.feature_effect import EQUATION_TEXTS
 from adk_ros.mismatch.inference.final_estimate import PROBABLE
 from adk_ros.mismatch.inference.result import (
@@ -203,15 +204,16 @@ def sentence(result: MismatchResult) -> str:
 
 
 def _doubt_text(result: MismatchResult) -> str:
-    """Return which effects are less probable than not; a sentence, or nothing."""
-    doubtful = [x for x in result.effects if x.confidence < PROBABLE]
-    if not doubtful:
-        return ""
-    names = listed([f"{title(x.effect.name)} {100.0 * x.confidence:.0f} %" for x in doubtful])
-    return (
-        f" A formula without any known effect describes the recording as well: the probability of "
-        f"{names}."
-    )
+    """Return which effects are less probable than not; sentences, or nothing."""
+    out = ""
+    for identified in result.effects:
+        if identified.confidence < PROBABLE:
+            name, share = title(identified.effect.name), f"{100.0 * identified.confidence:.0f} %"
+            out += f" The probability of {name} is {share}"
+            if identified.posterior.get(UNLISTED, 0.0) > identified.confidence:
+                out += ": a formula without any known effect describes the recording better"
+            out += "."
+    return out
 
 
 def _set_aside_text(result: MismatchResult) -> str:

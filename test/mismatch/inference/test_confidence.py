@@ -17,7 +17,11 @@ from adk_ros.mismatch.inference.confidence import (
     formula_log_prior,
 )
 from adk_ros.mismatch.inference.decision import Decision
-from adk_ros.mismatch.inference.final_estimate import with_confidence, without_improbable
+from adk_ros.mismatch.inference.final_estimate import (
+    formula_instead,
+    with_confidence,
+    without_improbable,
+)
 from adk_ros.mismatch.inference.hypothesis import Hypothesis, inactive_effect
 from adk_ros.mismatch.inference.identifiability import CompetingEffect
 from adk_ros.mismatch.inference.result import EXPLAINED, UNKNOWN, IdentifiedEffect
@@ -126,15 +130,26 @@ def test_a_formula_that_describes_more_leaves_nothing_explained() -> None:
     term = FeatureTerm("v_y", "yaw_rate", -3.75, 900.0)
     explained = decision(10.0)
     formula = UnmodelledDynamics(1.0, (term,), explained.hypothesis, Body(1800.0, 3000.0, 0.3))
-    described = replace(explained, formula=formula)
-    assert without_improbable(described, 0.5) == described
+
+    def next_to(loss: float) -> Decision:
+        """The effect where the formula is better by this loss in all."""
+        (effect,) = explained.effects
+        against = Evidence(
+            (UNLISTED,), np.full((1, BLOCKS), -loss / BLOCKS), np.array([formula_log_prior(1)])
+        )
+        return replace(explained, effects=[replace(effect, evidence=against)], formula=formula)
+
+    worse, doubtful, better = next_to(-20.0), next_to(12.0), next_to(60.0)
+    assert formula_instead(worse) is worse
     # Less probable than not: claimed, with a word of doubt.
-    doubtful = without_improbable(described, 6.0)
-    assert 0.05 < with_confidence(doubtful, 6.0).effects[0].confidence < 0.5
-    assert doubtful.verdict == EXPLAINED
-    left = without_improbable(described, 60.0)
-    assert (left.verdict, left.effects, left.set_aside) == (UNKNOWN, [], ("aero_drag",))
+    assert 0.05 < with_confidence(doubtful, 0.5).effects[0].confidence < 0.5
+    assert formula_instead(doubtful) is doubtful
+    left = formula_instead(better)
+    assert (left.verdict, left.effects, left.set_aside) == (UNKNOWN, [], ())
     assert left.unexplained is not None
     assert left.unexplained.terms == (term,)
-    without_terms = replace(explained, formula=replace(formula, terms=()))
-    assert without_improbable(without_terms, 6.0) is without_terms
+    assert (left.unmodelled, left.hypothesis) == (formula, formula.hypothesis)
+    without_terms = replace(better, formula=replace(formula, terms=()))
+    assert formula_instead(without_terms) is without_terms
+    unknown = replace(better, verdict=UNKNOWN)
+    assert formula_instead(unknown) is unknown

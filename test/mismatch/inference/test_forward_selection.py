@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -15,7 +16,11 @@ from adk_ros.mismatch.inference.forward_selection import _of_one_cause, refit_co
 from adk_ros.mismatch.inference.hypothesis import ActiveEffect, Hypothesis
 from adk_ros.mismatch.inference.identifiability import act_apart
 from adk_ros.mismatch.inference.likelihood import Likelihood
-from adk_ros.mismatch.inference.selection_path import SelectionPath, min_required_gain
+from adk_ros.mismatch.inference.selection_path import (
+    SelectionPath,
+    is_improvement,
+    min_required_gain,
+)
 from adk_ros.mismatch.library.catalogue import COMMON_CAUSES, EFFECTS
 from adk_ros.mismatch.library.criteria import MIN_FIRST_GAIN, MIN_GAIN_PER_EXCESS
 from adk_ros.mismatch.library.effect import Effect
@@ -59,7 +64,9 @@ def kept(monkeypatch: pytest.MonkeyPatch, level: list[Hypothesis], *accidents: s
         "significant_effects",
         lambda _, h, examined: [a for a in h.effects if a.effect.name not in accidents],
     )
-    return [h.names[0] for h in refit_competitive(likelihood, level, path())]
+    selected = path()
+    selected.levels = [[Hypothesis((), np.zeros(0), 300.0)]]
+    return [h.names[0] for h in refit_competitive(likelihood, level, selected)]
 
 
 def test_effects_below_materiality_do_not_crowd_out_a_material_one(
@@ -80,6 +87,21 @@ def test_an_accident_of_a_few_blocks_comes_after_what_is_significant(
     assert kept(monkeypatch, level) == ["rotating_inertia", "cg_shift"]
     found = kept(monkeypatch, level, "rotating_inertia")
     assert found == ["cg_shift", "rotating_inertia"]
+    # Nor does a significant one that gains too little come before one that gains enough.
+    weak = [single("rotating_inertia", 100.0), single("cg_shift", 280.0)]
+    assert kept(monkeypatch, weak, "rotating_inertia") == ["rotating_inertia", "cg_shift"]
+
+
+def test_a_pair_gains_over_each_of_its_effects() -> None:
+    """Not only over the accepted single effect, which may leave more than one of the pair."""
+    first, other = single("cg_shift", 20_150.0), single("rotating_inertia", 20_100.0)
+    payload = single("payload", 20_090.0)
+    selected = path()
+    selected.levels = [[Hypothesis((), np.zeros(0), 20_300.0)], [first, other]]
+    both = Hypothesis((*other.effects, *payload.effects), np.zeros(0), 20_080.0)
+    assert is_improvement(both, first, selected)
+    assert not selected.accepts(both, first)
+    assert selected.accepts(replace(both, loss=20_000.0), first)
 
 
 @pytest.mark.parametrize(

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from helpers.mismatch_report import bank, drag, identified, late, odd, result_of
 
+from adk_ros.mismatch.inference.confidence import UNLISTED
 from adk_ros.mismatch.inference.hypothesis import ActiveEffect
 from adk_ros.mismatch.inference.identifiability import CompetingEffect
 from adk_ros.mismatch.inference.result import (
@@ -82,6 +83,20 @@ def test_an_effect_states_its_size_relative_to_the_simulation_and_its_alternativ
         "recording. With the corrected vehicle model, the RMS speed error, predicted 1 s ahead on "
         "held-out data, falls from 0.145 to 0.012 m/s."
     )
+
+
+def test_an_effect_that_is_less_probable_than_not_is_doubted() -> None:
+    doubtful = replace(identified(), confidence=0.34, posterior={UNLISTED: 0.6})
+    said = sentence(result_of("", (doubtful,)))
+    assert said.endswith(
+        " The probability of air drag is 34 %: a formula without any known effect describes the "
+        "recording better."
+    )
+    # Where something else is as probable, no formula is blamed.
+    other = replace(doubtful, posterior={UNLISTED: 0.1, "headwind": 0.56})
+    said = sentence(result_of("", (other,)))
+    assert said.endswith(" The probability of air drag is 34 %.")
+    assert "probability" not in sentence(result_of("", (identified(),)))
 
 
 def test_in_a_list_the_alternative_stands_in_its_item() -> None:
