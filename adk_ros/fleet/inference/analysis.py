@@ -3,8 +3,9 @@
 """
 The analysis of a fleet in passes: evidence of each recording, estimate, and again at the estimate.
 
-After the first passes only those recordings are linearised again whose effects have moved. Claims
-are compared with similar effects, each linearised at itself, before the estimate.
+After the first pass only those recordings are linearised again whose effects have moved, or that
+pass near a place that has: elsewhere an effect at a place changes nothing. Claims are compared
+with similar effects, each linearised at itself, before the estimate.
 
 Where the evidence comes from is a function: of recordings in memory, or of a dataset.
 """
@@ -18,7 +19,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from adk_ros.fleet.inference.competing_effects import claim_text, exchanged_for_competing
-from adk_ros.fleet.inference.evidence import RECORDING, Row
+from adk_ros.fleet.inference.evidence import PLACE_ROW, RECORDING, Row
 from adk_ros.fleet.inference.fleet_candidates import Identity
 from adk_ros.fleet.inference.fleet_estimate import (
     ROUNDS,
@@ -29,6 +30,7 @@ from adk_ros.fleet.inference.fleet_estimate import (
 from adk_ros.fleet.inference.fleet_evidence import RecordingTags
 from adk_ros.fleet.inference.fleet_result import FleetResult, fleet_result
 from adk_ros.fleet.inference.fleet_simulation import FleetSimulation
+from adk_ros.fleet.inference.place_evidence import Cell
 from adk_ros.fleet.inference.places import Place
 
 MAX_PASSES, USUAL_PASSES = 6, 3
@@ -95,7 +97,11 @@ def analyse_fleet(
     dropped: Counter[Identity] = Counter()
     compared: set[tuple[str, str]] = set()
 
-    def linearise(at: FleetEstimate | None, names: Collection[str] | None) -> None:
+    def linearise(
+        at: FleetEstimate | None,
+        names: Collection[str] | None,
+        passing: Collection[str] = frozenset(),
+    ) -> None:
         if names is not None and not names:
             return
         found, without = evidence_at(at, names)
@@ -108,8 +114,8 @@ def analyse_fleet(
             outdated.pop(name, None)
         for name, why in without.items():
             (outdated if name in rows else failed)[name] = why
-            if name in rows and names is None:
-                # All are linearised again at other places, of which its rows do not know.
+            if name in rows and name in passing:
+                # Others are linearised again at a place of which its rows do not know.
                 rows[name] = [row for row in rows[name] if row["kind"] == RECORDING]
 
     def moved_to(at: FleetEstimate) -> list[str]:
@@ -117,13 +123,16 @@ def analyse_fleet(
         return [name for name in up_to_date if has_moved(points[name], _point(at, name))]
 
     for turn in range(MAX_PASSES):
+        passing: set[str] = set()
         if estimate is not None:
             if has_moved(_places_point(places), _places_point(estimate.places)):
-                places, moved = estimate.places, None
+                cells = _moved_cells(places, estimate.places)
+                passing = {name for name in rows if _passes(rows[name], cells)} - set(outdated)
+                places, moved = estimate.places, {*(moved or ()), *passing}
             # All recordings are linearised at the same places.
             farthest = _FIRST_STEP if turn == 1 else np.inf
             estimate = replace(estimate, places=places, farthest=farthest)
-        linearise(estimate, moved)
+        linearise(estimate, moved, passing)
         if estimate is not None:
             examined = {claim_text(estimate, claim) for claim in estimate.claims}
             at_estimate = {name: rows[name] for name in rows if name not in outdated}
@@ -166,7 +175,33 @@ def _point(estimate: FleetEstimate | None, name: str) -> Point:
 
 
 def _places_point(places: Sequence[Place]) -> Point:
-    return {f"{p.key} at {p.cells}": p.size for p in places}
+    return {_key(place): place.size for place in places}
+
+
+def _key(place: Place) -> str:
+    return f"{place.key} at {place.cells}"
+
+
+def _moved_cells(before: Sequence[Place], after: Sequence[Place]) -> set[Cell]:
+    """Return the cells in which the effects at places have moved."""
+    a, b = _places_point(before), _places_point(after)
+    return {
+        cell
+        for place in (*before, *after)
+        for cell in place.cells
+        if has_moved({"": a.get(_key(place), 0.0)}, {"": b.get(_key(place), 0.0)})
+    }
+
+
+def _passes(rows: Sequence[Row], cells: Collection[Cell]) -> bool:
+    """
+    Whether a recording passes any of these cells, or one beside it.
+
+    One that only cuts a corner of a cell has no row of it, but one of a neighbour.
+    """
+    near = {(c.x + i, c.y + j) for c in cells for i in (-1, 0, 1) for j in (-1, 0, 1)}
+    driven = (Cell.of_text(str(row["cell"])) for row in rows if row["kind"] == PLACE_ROW)
+    return any((cell.x, cell.y) in near for cell in driven)
 
 
 def has_moved(before: Point, after: Point) -> bool:

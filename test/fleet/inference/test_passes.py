@@ -59,6 +59,8 @@ def test_the_first_step_is_limited() -> None:
 
 
 SLOW, REASON = "drive003", "TimeoutError: longer than 60 s"
+PLACE = Cell(15, 0, 0)
+"""Where `rows_at` has a bank."""
 
 
 @pytest.mark.parametrize("with_place", [False, True])
@@ -103,6 +105,38 @@ def test_a_recording_that_fails_in_a_later_pass_takes_part_as_it_is(with_place: 
         assert found.result.places[0].recordings == len(fleet.names)
         (place,) = found.estimate.places
         assert place.size == pytest.approx(6.0, rel=0.1)
+
+
+def test_a_place_moves_only_the_recordings_that_pass_it() -> None:
+    """Two of three routes do not, and their effects stay."""
+    plan = FleetPlan(cars=5, recordings=15, effects=2, bias=0.0, deviation=0.2)
+    fleet = draw_fleet(3, plan)
+    passing = set(fleet.names[::3])
+    asked: list[list[str]] = []
+
+    def evidence_at(
+        at: FleetEstimate | None, names: Collection[str] | None
+    ) -> tuple[list[Row], Mapping[str, str]]:
+        chosen = fleet.names if names is None else sorted(names)
+        asked.append(list(chosen))
+        rows = [
+            row
+            for name in chosen
+            for row in rows_at(fleet, name, at, True)
+            if row["kind"] == RECORDING or name in passing or row["cell"] != PLACE.text
+        ]
+        return rows, {}
+
+    tags = {name: RecordingTags(c) for name, c in zip(fleet.names, fleet.cars, strict=True)}
+    simulation: Any = SimpleNamespace(evidence=evidence_of(fleet, 0, SIMULATION))
+    found = analyse_fleet(evidence_at, simulation, lambda rows: tags)
+    (place,) = found.estimate.places
+    assert place.cells == (PLACE,)
+    assert place.recordings == len(passing)
+    assert set(asked[0]) == set(fleet.names)
+    assert len(asked) > 1
+    assert all(set(names) <= passing for names in asked[1:])
+    assert passing <= {name for names in asked[1:] for name in names}
 
 
 def evidence_of(
