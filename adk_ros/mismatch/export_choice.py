@@ -21,6 +21,7 @@ from adk_ros.mismatch.deployment.raised_errors import (
     improves,
     largest_rise,
     lowers_on_the_whole,
+    raised_beyond_chance,
     raised_states,
 )
 from adk_ros.mismatch.inference.feature_effect import catalogue_effects, feature_terms
@@ -42,7 +43,8 @@ class Correction:
     A model on the held-out data: the `part` of the hypothesis in it, `text` of its file.
 
     `errors` (n, horizons, 3); `raised`: the states whose error the full correction raised;
-    `refused`: the file of the full correction, where no part is exported.
+    `refused`: the file of the full correction, where no part is exported, and `contradicted`: the
+    states whose error it raised beyond chance.
     """
 
     part: str
@@ -50,6 +52,7 @@ class Correction:
     errors: FloatArray
     raised: tuple[str, ...] = ()
     refused: str | None = None
+    contradicted: tuple[str, ...] = ()
 
 
 def choose_correction(
@@ -82,7 +85,13 @@ def choose_correction(
     allowed = [x for x in trials if improves(simulation.errors, x.errors, expected, not_judged)]
     if allowed:
         return min(allowed, key=lambda x: largest_rise(before, rmse(x.errors), not_judged))
-    return replace(simulation, raised=raised, refused=trials[0].text)
+    beyond_chance = raised_beyond_chance(simulation.errors, trials[0].errors, not_judged)
+    return replace(
+        simulation,
+        raised=raised,
+        refused=trials[0].text,
+        contradicted=tuple(beyond_chance),
+    )
 
 
 def exported(hypothesis: Hypothesis, part: str) -> Hypothesis | None:

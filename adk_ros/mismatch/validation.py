@@ -58,13 +58,15 @@ class Validation:
     Result on held-out data.
 
     `export`: which of the corrections did not raise any error; `held_out_yaml`: that correction,
-    fitted to the training part; `raised`: the states whose error a rejected correction raised.
+    fitted to the training part; `raised`: the states whose error a rejected correction raised,
+    `contradicted`: beyond chance.
     """
 
     errors: HeldOutErrors
     export: str
     held_out_yaml: str
     raised: tuple[str, ...] = ()
+    contradicted: tuple[str, ...] = ()
 
     @property
     def error_ratio(self) -> float:
@@ -129,6 +131,7 @@ def validate_on_held_out(
         chosen.part,
         text,
         chosen.raised,
+        chosen.contradicted,
     )
 
 

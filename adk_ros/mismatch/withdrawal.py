@@ -19,7 +19,6 @@ from adk_ros.mismatch.inference.hypothesis import Hypothesis
 from adk_ros.mismatch.inference.result import (
     EXPLAINED,
     NONE,
-    NOT_EXPORTED,
     UNKNOWN,
     UnexplainedResidual,
 )
@@ -62,12 +61,12 @@ def is_contradicted(decision: Decision, validation: Validation) -> bool:
     Whether held-out errors speak against effects of the vehicle that explain a recording.
 
     They do where noise, build tolerance and the surrogate's own error explained every error before
-    the correction, and this raises one, so that nothing is exported (`export_choice`).
+    the correction, and this raises one beyond chance, so that nothing is exported.
     """
     errors, effects = validation.errors, decision.hypothesis.effects
-    if decision.verdict != EXPLAINED or validation.export != NOT_EXPORTED:
+    if decision.verdict != EXPLAINED or not validation.contradicted:
         return False
-    if not validation.raised or any(active.effect.sensor for active in effects):
+    if any(active.effect.sensor for active in effects):
         return False
     return decided(
         lambda most: not bool((errors.before > most * errors.expected).any()),

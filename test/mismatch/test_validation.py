@@ -220,19 +220,18 @@ def test_what_leaves_most_of_the_error_is_refuted() -> None:
 
 
 def test_effects_that_held_out_data_contradict_are_withdrawn() -> None:
-    """Nothing had to be explained, and every part of the correction raises an error."""
+    """Nothing had to be explained, and the correction raises an error beyond chance."""
     tyres = hypothesis(effect("rear_tyre_stiffness", 1.05))
     explained = Decision(EXPLAINED, [], None, tyres, None)
-    fine = Validation(errors(0.02, 0.02), NOT_EXPORTED, "", ("yaw_rate",))
+    fine = Validation(errors(0.02, 0.02), NOT_EXPORTED, "", ("yaw_rate",), ("yaw_rate",))
     assert is_contradicted(explained, fine)
     nothing = nothing_missing(hypothesis())
     assert (nothing.verdict, nothing.effects, nothing.unexplained) == (NONE, [], None)
-    # Errors that something must explain, a correction that is exported, and faults of sensors,
-    # which none corrects, stay as they are.
+    # Errors that something must explain, a rise that chance may cause, and faults of sensors,
+    # which no correction concerns, withdraw nothing.
     large = errors(1.01 * MAX_EXPLAINED_RATIO * 0.02, 0.02)
     assert not is_contradicted(explained, replace(fine, errors=large))
-    assert not is_contradicted(explained, replace(fine, export=FULL))
-    assert not is_contradicted(explained, replace(fine, raised=()))
+    assert not is_contradicted(explained, replace(fine, contradicted=()))
     of_sensor = hypothesis(effect("rear_tyre_stiffness", 1.05), effect("gyro_scale", 1.1))
     assert not is_contradicted(replace(explained, hypothesis=of_sensor), fine)
     assert not is_contradicted(replace(explained, verdict=UNKNOWN), fine)
@@ -258,6 +257,7 @@ def test_a_correction_that_raises_an_error_is_not_exported() -> None:
     done = validate_on_held_out(model, hypothesis(effect("aero_drag", 8.0)), None, evidence)
     assert done.export == NOT_EXPORTED
     assert "v_x" in done.raised
+    assert "v_x" in done.contradicted
     assert done.held_out_yaml == simulation_yaml(model)
     np.testing.assert_array_equal(done.errors.after, done.errors.before)
 

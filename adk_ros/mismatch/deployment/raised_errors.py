@@ -31,6 +31,18 @@ def raised_states(before: FloatArray, after: FloatArray, not_judged: Sequence[st
     ]
 
 
+def raised_beyond_chance(
+    before: FloatArray, after: FloatArray, not_judged: Sequence[str]
+) -> list[str]:
+    """Return the states whose errors (n, horizons, 3) rise, and significantly, at any horizon."""
+    rises = significant_rise(before, after)
+    first, then = rmse(before), rmse(after)
+    rises &= ~(then <= MAX_RAISED_RATIO * first) & np.isfinite(first)
+    return [
+        name for i, name in enumerate(STATE_NAMES) if rises[:, i].any() and name not in not_judged
+    ]
+
+
 def lowers_on_the_whole(before: FloatArray, after: FloatArray, not_judged: Sequence[str]) -> bool:
     """Whether the geometric mean of the errors (horizons, 3) of all judged states is lower."""
     return float(np.log(_ratios(before, after, not_judged)).sum()) < 0.0
