@@ -60,6 +60,7 @@ from adk_ros.mismatch.library.search_limits import (
 )
 from adk_ros.mismatch.library.sensitivity import decided
 from adk_ros.mismatch.surrogate.lap import Lap
+from adk_ros.numerics.arrays import FloatArray
 
 Progress = Callable[[float, float, str], None]
 
@@ -90,7 +91,8 @@ def select_effects(
                 text = "one effect" if size == 1 else f"{size} effects"
                 progress(size - 1 + i / len(beam), max_effects, text)
             level += _extend(likelihood, start, lap, path)
-        level = refit_competitive(likelihood, level + _of_one_cause(likelihood, null, size), path)
+        level += [h for h in path.of_one_cause if len(h.effects) == size]
+        level = refit_competitive(likelihood, level, path)
         path.levels += [level] if level else []
         if not level or not path.accepts(level[0], path.levels[size - 1][0]):
             break
@@ -100,7 +102,7 @@ def select_effects(
         limit = penalised_loss(best) + margin
         beam = [h for h in level[:BEAM_WIDTH] if penalised_loss(h) < limit]
     if max_effects > 1 and path.best() is null:
-        together = refit_competitive(likelihood, _of_one_cause(likelihood, null, 2), path)
+        together = refit_competitive(likelihood, path.of_one_cause, path)
         path.levels += [together] if together else []
     return path
 
@@ -124,7 +126,10 @@ def _extend(
     """Fit the best hypotheses with one more effect than `start`."""
     single = not start.effects
     jacobian = likelihood.nuisance_jacobian(start)
-    screening = _screen(LinearisedProblem(likelihood, start, jacobian), lap, path)
+    linearised = LinearisedProblem(likelihood, start, jacobian)
+    screening = _screen(linearised, lap, path)
+    if single:
+        path.of_one_cause = _of_one_cause(linearised, jacobian)
     best_gain = screening.best_gain()
     # A linearised gain may be far off where much is unexplained; otherwise it is nearly exact.
     least = (
@@ -156,16 +161,23 @@ def _extend(
     return out
 
 
-def _of_one_cause(likelihood: Likelihood, null: Hypothesis, size: int) -> list[Hypothesis]:
-    """Fit the sets of `size` effects that one change of the car has together."""
+def _of_one_cause(linearised: LinearisedProblem, jacobian: FloatArray) -> list[Hypothesis]:
+    """Fit the sets of effects that one change of the car has together, if they may gain enough."""
+    likelihood, null = linearised.likelihood, linearised.hypothesis
     out = []
     for names in COMMON_CAUSES:
         effects = [likelihood.effects[name] for name in names if name in likelihood.effects]
-        if size != len(effects) or likelihood.unobservable & set(names):
+        if len(effects) < len(names) or likelihood.unobservable & set(names):
             continue
         starts = [tuple(p.theta_neutral + p.step for p in effect.parameters) for effect in effects]
         active = [ActiveEffect(effect, x) for effect, x in zip(effects, starts, strict=True)]
-        out.append(likelihood.fit(active, nuisances=null.nuisances, budget=JOINT))
+        gain = linearised.solve(np.column_stack([linearised.column(one) for one in active]))[1]
+        if gain > len(names) * PRUNING_SHARE_SINGLE * MIN_FIRST_GAIN:
+            out.append(
+                likelihood.fit(
+                    active, nuisances=null.nuisances, budget=SCREENING, jacobian=jacobian
+                )
+            )
     return out
 
 

@@ -57,6 +57,8 @@ class SelectionPath:
 
     levels: list[list[Hypothesis]] = field(default_factory=list)
     profiles: list[SpatialProfile] = field(default_factory=list)
+    of_one_cause: list[Hypothesis] = field(default_factory=list)
+    """Hypotheses of effects that one change of the car has together, as screened."""
     expected_loss: float = 0.0
     """Loss of a perfect model."""
     null_excess_loss: float = 0.0

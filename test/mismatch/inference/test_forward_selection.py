@@ -16,6 +16,7 @@ from adk_ros.mismatch.inference.forward_selection import _of_one_cause, refit_co
 from adk_ros.mismatch.inference.hypothesis import ActiveEffect, Hypothesis
 from adk_ros.mismatch.inference.identifiability import act_apart
 from adk_ros.mismatch.inference.likelihood import Likelihood
+from adk_ros.mismatch.inference.score_test import LinearisedProblem
 from adk_ros.mismatch.inference.selection_path import (
     SelectionPath,
     is_improvement,
@@ -25,6 +26,7 @@ from adk_ros.mismatch.library.catalogue import COMMON_CAUSES, EFFECTS
 from adk_ros.mismatch.library.criteria import MIN_FIRST_GAIN, MIN_GAIN_PER_EXCESS
 from adk_ros.mismatch.library.effect import Effect
 from adk_ros.mismatch.library.search_limits import MAX_REFITS
+from adk_ros.numerics.arrays import FloatArray
 
 EXPECTED_LOSS = 20_000.0
 """Of so many residuals: its standard deviation is 200."""
@@ -147,13 +149,24 @@ def test_effects_of_one_cause_are_fitted_together() -> None:
             asked.append(tuple(active.effect.name for active in effects))
             return null
 
-    likelihood = Asked()
-    assert _of_one_cause(likelihood, null, 1) == []
-    assert len(_of_one_cause(likelihood, null, 2)) == len(COMMON_CAUSES)
+    class Linear(LinearisedProblem):
+        def __init__(self, gain: float) -> None:
+            """Nothing is linearised."""
+            self.likelihood, self.hypothesis, self.gain = Asked(), null, gain
+
+        def column(self, active: ActiveEffect) -> FloatArray:
+            return np.zeros(1)
+
+        def solve(self, columns: FloatArray) -> tuple[FloatArray, float]:
+            return np.zeros(columns.shape[1]), self.gain
+
+    nothing = np.zeros((0, 0))
+    assert len(_of_one_cause(Linear(100.0), nothing)) == len(COMMON_CAUSES)
     assert asked == list(COMMON_CAUSES)
-    # Not where one of them shows in no recorded channel.
+    # Not where they cannot gain enough, nor where one of them shows in no recorded channel.
+    assert _of_one_cause(Linear(5.0), nothing) == []
     hidden.add("rear_tyre_stiffness")
-    assert _of_one_cause(likelihood, null, 2) == []
+    assert _of_one_cause(Linear(100.0), nothing) == []
 
 
 @pytest.mark.parametrize(
