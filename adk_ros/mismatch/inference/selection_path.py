@@ -57,8 +57,6 @@ class SelectionPath:
 
     levels: list[list[Hypothesis]] = field(default_factory=list)
     profiles: list[SpatialProfile] = field(default_factory=list)
-    of_one_cause: list[Hypothesis] = field(default_factory=list)
-    """Hypotheses of effects that one change of the car has together, as screened."""
     expected_loss: float = 0.0
     """Loss of a perfect model."""
     null_excess_loss: float = 0.0
@@ -69,6 +67,8 @@ class SelectionPath:
     """Number of residuals that the surrogate's own error accounts for."""
     examined: int = 0
     """Number of effects, places and onsets among which the first effect was chosen."""
+    of_one_cause: list[Hypothesis] = field(default_factory=list)
+    """Hypotheses of effects that one change of the car has together, as screened."""
 
     def best(self, most: int | None = None) -> Hypothesis:
         """Return the largest hypothesis, of at most `most` effects, each of which is accepted."""
