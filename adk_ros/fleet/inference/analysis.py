@@ -125,8 +125,7 @@ def analyse_fleet(
     for turn in range(MAX_PASSES):
         passing: set[str] = set()
         if estimate is not None:
-            if has_moved(_places_point(places), _places_point(estimate.places)):
-                cells = _moved_cells(places, estimate.places)
+            if cells := _moved_cells(places, estimate.places):
                 passing = {name for name in rows if _passes(rows[name], cells)} - set(outdated)
                 places, moved = estimate.places, {*(moved or ()), *passing}
             # All recordings are linearised at the same places.
@@ -155,7 +154,7 @@ def analyse_fleet(
             dropped.update(claimed - estimate.identities)
         before = before or estimate.loss_ratios
         moved = moved_to(estimate)
-        is_settled = not has_moved(_places_point(places), _places_point(estimate.places))
+        is_settled = not _moved_cells(places, estimate.places)
         if turn >= _EARLY_PASSES and is_settled and not moved:
             break
     assert estimate is not None
@@ -164,7 +163,7 @@ def analyse_fleet(
 
 
 Point = Mapping[str, float]
-"""Where a recording is linearised: effect, or effect and cells of a place -> size, thresholds."""
+"""Where a recording is linearised: effect -> size, thresholds."""
 
 
 def _point(estimate: FleetEstimate | None, name: str) -> Point:
@@ -174,22 +173,14 @@ def _point(estimate: FleetEstimate | None, name: str) -> Point:
     return {key: value / columns.column(key).materiality for key, value in values.items()}
 
 
-def _places_point(places: Sequence[Place]) -> Point:
-    return {_key(place): place.size for place in places}
-
-
-def _key(place: Place) -> str:
-    return f"{place.key} at {place.cells}"
-
-
 def _moved_cells(before: Sequence[Place], after: Sequence[Place]) -> set[Cell]:
     """Return the cells in which the effects at places have moved."""
-    a, b = _places_point(before), _places_point(after)
+    sizes, sizes_after = ({(p.key, p.cells): p.size for p in places} for places in (before, after))
     return {
         cell
-        for place in (*before, *after)
-        for cell in place.cells
-        if has_moved({"": a.get(_key(place), 0.0)}, {"": b.get(_key(place), 0.0)})
+        for one in {*sizes, *sizes_after}
+        if has_moved({"": sizes.get(one, 0.0)}, {"": sizes_after.get(one, 0.0)})
+        for cell in one[1]
     }
 
 
