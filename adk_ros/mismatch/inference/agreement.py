@@ -65,11 +65,10 @@ def sizes_from(decision: Decision, joint: JointLikelihood, kept: Collection[int]
 
 def best_single(path: SelectionPath, decision: Decision) -> Decision | None:
     """Return the best single effect of a selection, if it gains enough and is not decided."""
-    null = path.levels[0][0]
-    single = (h for level in path.levels[1:] for h in level if len(h.effects) == 1)
-    h = next(single, None)
-    if h is None:
+    null, singles = path.levels[0][0], path.singles()
+    if not singles:
         return None
+    h = singles[0]
     (active,) = h.effects
     decided = {name for e in decision.effects for name in (e.effect.name, *e.alternatives)}
     if active.effect.name in decided or not is_improvement(h, null, path):

@@ -35,8 +35,7 @@ def rejected_candidates(
     claimed = {effect.effect.name for effect in decision.effects}
     claimed |= {name for effect in decision.effects for name in effect.alternatives}
     out: list[RejectedCandidate] = []
-    single = [h for level in path.levels[1:] for h in level if len(h.effects) == 1]
-    for h in sorted(single, key=penalised_loss):
+    for h in sorted(path.singles(), key=penalised_loss):
         active = h.effects[0]
         if active.effect.name in claimed | {c.name for c in out} or h.loss >= null.loss:
             continue

@@ -79,6 +79,10 @@ class SelectionPath:
                 chosen = best
         return chosen
 
+    def singles(self) -> list[Hypothesis]:
+        """Return the fitted hypotheses of one effect, best first."""
+        return [h for level in self.levels[1:] for h in level if len(h.effects) == 1]
+
     def accepts(self, h: Hypothesis, chosen: Hypothesis) -> bool:
         """Whether `h` gains enough over `chosen`, and over each fitted part of it."""
         names = set(h.names)

@@ -100,8 +100,9 @@ MIN_GAIN = 40.0
 """The same of a further effect, next to the inexact equations of others. Calibrated."""
 MIN_GAIN_PER_EXCESS = 0.25
 """
-Least gain, as a share of the excess loss before the effect, above the 95 % that chance stays
-below: where much is unexplained, accidental correlations gain hundreds. Calibrated.
+Least gain, as a share of the excess loss before the effect, less what chance leaves in 19 of 20
+recordings: where much is unexplained, accidental correlations gain hundreds. Calibrated with the
+whole excess loss.
 """
 MIN_GAIN_PER_NULL_EXCESS = 7e-3
 """
