@@ -46,6 +46,19 @@ def result_of(name: str, strength: float = 1.0, plant: str = "seven_dof") -> Mis
     return identify_mismatch(case.simulation, case.recording, case.nominal)
 
 
+def result_with(
+    effects: dict[str, dict[str, float]],
+    seed: int,
+    plant: str = "seven_dof",
+    kinds: dict[str, str] | None = None,
+    unlisted: dict[str, float] | None = None,
+) -> MismatchResult:
+    """Return the result on a car with these changes, in a simulator of `plant`."""
+    injected = InjectedMismatch(effects, kinds or {}, unlisted or {})
+    case = make_case("changed", injected, seed, plant, seconds=SECONDS)
+    return identify_mismatch(case.simulation, case.recording, case.nominal)
+
+
 def claimed(result: MismatchResult) -> list[str]:
     """Return the effects that are named with a confidence of 0.9 or more."""
     return [x.effect.name for x in result.effects if x.confidence >= 0.9]
@@ -104,9 +117,7 @@ def test_rotating_inertia_is_no_pair_of_torque_gain_and_wheel_radius() -> None:
 
 def test_a_power_limit_of_a_foreign_car_leaves_no_yaw_error() -> None:
     """The yaw moment of its drive ends with the torque that acts, not with the command."""
-    injected = InjectedMismatch({"power_limit": FULL["power_limit"]})
-    case = make_case("power", injected, 23, MULTI_BODY, seconds=SECONDS)
-    result = identify_mismatch(case.simulation, case.recording, case.nominal)
+    result = result_with({"power_limit": FULL["power_limit"]}, 23, MULTI_BODY)
     assert result.verdict == EXPLAINED
     assert [x.effect.name for x in result.effects] == ["power_limit"]
 
@@ -114,18 +125,14 @@ def test_a_power_limit_of_a_foreign_car_leaves_no_yaw_error() -> None:
 @pytest.mark.parametrize("seed", [22, 23])
 def test_a_foreign_car_steers_less(seed: int) -> None:
     """The multi-body model of another project, on both sides."""
-    injected = InjectedMismatch({"steering_ratio": {"scale": 0.93}})
-    case = make_case("ratio", injected, seed, MULTI_BODY, seconds=SECONDS)
-    result = identify_mismatch(case.simulation, case.recording, case.nominal)
+    result = result_with({"steering_ratio": {"scale": 0.93}}, seed, MULTI_BODY)
     assert claimed(result) == ["steering_ratio"]
     (found,) = result.effects
     assert found.parameters["scale"].value == pytest.approx(0.93, rel=0.01)
 
 
 def test_a_foreign_car_has_more_yaw_inertia() -> None:
-    injected = InjectedMismatch({"yaw_inertia": {"scale": 1.25}})
-    case = make_case("inertia", injected, 22, MULTI_BODY, seconds=SECONDS)
-    result = identify_mismatch(case.simulation, case.recording, case.nominal)
+    result = result_with({"yaw_inertia": {"scale": 1.25}}, 22, MULTI_BODY)
     assert claimed(result) == ["yaw_inertia"]
     (found,) = result.effects
     assert found.parameters["scale"].value == pytest.approx(1.25, rel=0.03)
@@ -137,11 +144,11 @@ def test_a_foreign_car_has_softer_tyres() -> None:
 
     An axle's stiffness changes by more than the coefficient (`multibody_changes`).
     """
-    injected = InjectedMismatch(
-        {"front_tyre_stiffness": {"scale": 0.8}, "rear_tyre_stiffness": {"scale": 0.8}}
+    result = result_with(
+        {"front_tyre_stiffness": {"scale": 0.8}, "rear_tyre_stiffness": {"scale": 0.8}},
+        22,
+        MULTI_BODY,
     )
-    case = make_case("tyres", injected, 22, MULTI_BODY, seconds=SECONDS)
-    result = identify_mismatch(case.simulation, case.recording, case.nominal)
     assert result.verdict == EXPLAINED
     assert sorted(claimed(result)) == ["front_tyre_stiffness", "rear_tyre_stiffness"]
     for effect in result.effects:
@@ -149,25 +156,22 @@ def test_a_foreign_car_has_softer_tyres() -> None:
 
 
 def test_a_foreign_car_is_loaded() -> None:
-    injected = InjectedMismatch({"payload": {"mass": 200.0}})
-    case = make_case("payload", injected, 22, MULTI_BODY, seconds=SECONDS)
-    result = identify_mismatch(case.simulation, case.recording, case.nominal)
+    result = result_with({"payload": {"mass": 200.0}}, 22, MULTI_BODY)
     assert claimed(result) == ["payload"]
     (found,) = result.effects
     assert found.parameters["mass"].value == pytest.approx(200.0, rel=0.03)
 
 
 def test_a_foreign_car_without_a_change_is_clean() -> None:
-    case = make_case("clean", InjectedMismatch(), 22, MULTI_BODY, seconds=SECONDS)
-    result = identify_mismatch(case.simulation, case.recording, case.nominal)
+    result = result_with({}, 22, MULTI_BODY)
     assert (result.verdict, result.effects) == (NONE, [])
 
 
 def test_a_slippery_stretch_lowers_the_held_out_errors() -> None:
     """Further effects that end at their bounds do not hide it."""
-    injected = InjectedMismatch({"low_friction": FULL["low_friction"]}, {"low_friction": "place"})
-    case = make_case("patch", injected, 21, seconds=SECONDS)
-    result = identify_mismatch(case.simulation, case.recording, case.nominal)
+    result = result_with(
+        {"low_friction": FULL["low_friction"]}, 21, kinds={"low_friction": "place"}
+    )
     assert result.verdict == EXPLAINED
     assert claimed(result) == ["low_friction"]
     (found,) = result.effects
@@ -195,9 +199,7 @@ def test_brakes_that_pulse_are_episodes() -> None:
 
 def test_a_lag_below_the_threshold_is_listed_with_its_size() -> None:
     """Next to larger unexplained pulses, it is no claim."""
-    injected = InjectedMismatch({"steering_lag": {"tau": 0.02}}, unlisted={"phantom_braking": 1.0})
-    case = make_case("lag", injected, 21, seconds=SECONDS)
-    result = identify_mismatch(case.simulation, case.recording, case.nominal)
+    result = result_with({"steering_lag": {"tau": 0.02}}, 21, unlisted={"phantom_braking": 1.0})
     assert result.verdict == UNKNOWN
     assert result.effects == []
     (lag,) = (x for x in result.candidates if x.name == "steering_lag")
