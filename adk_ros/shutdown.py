@@ -4,7 +4,9 @@
 Graceful shutdown of a process and its workers on SIGTERM and Ctrl-C.
 
 Signals unwind the stack, so that temporary folders are removed and each process ends the workers
-that it started.
+that it started. The exception of a signal is raised wherever the interpreter is, also within the
+imports of libraries, some of which tolerate every failure, and within finalisers, whose exceptions
+are only printed. So what a signal asked for is remembered and raised again by `raise_received`.
 """
 
 from __future__ import annotations
@@ -12,6 +14,7 @@ from __future__ import annotations
 import multiprocessing
 import os
 import signal
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator
@@ -36,6 +39,37 @@ class Terminated(BaseException):
     """SIGTERM was received. A BaseException, so that error handlers do not catch it."""
 
 
+_received: list[type[BaseException]] = []
+"""The exceptions of the signals that were received within the contexts below, until they end."""
+
+
+def raise_received() -> None:
+    """Raise the exception of a signal that was received again, if other code caught it."""
+    if _received and threading.current_thread() is threading.main_thread():
+        raise _received[-1]
+
+
+@contextmanager
+def interruptible() -> Iterator[None]:
+    """
+    Raise KeyboardInterrupt at each SIGINT, and from the block if an interruption became an error.
+
+    Where SIGINT is ignored it still is: shells start background jobs in this way. Has no effect
+    outside the main thread.
+    """
+    ignored = signal.getsignal(signal.SIGINT) in (signal.SIG_IGN, None)
+    if ignored or threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def stop(number: int, frame: FrameType | None) -> None:
+        _received.append(KeyboardInterrupt)
+        raise KeyboardInterrupt
+
+    with _handling(stop, (signal.SIGINT,)):
+        yield
+
+
 @contextmanager
 def graceful_shutdown() -> Iterator[None]:
     """
@@ -52,14 +86,39 @@ def graceful_shutdown() -> Iterator[None]:
     def stop(number: int, frame: FrameType | None) -> None:
         for other in numbers:
             signal.signal(other, signal.SIG_IGN)
-        raise KeyboardInterrupt if number == signal.SIGINT else Terminated
+        _received.append(KeyboardInterrupt if number == signal.SIGINT else Terminated)
+        raise _received[-1]
 
+    with _handling(stop, numbers):
+        yield
+
+
+@contextmanager
+def _handling(
+    stop: Callable[[int, FrameType | None], None], numbers: tuple[signal.Signals, ...]
+) -> Iterator[None]:
+    """Call `stop` at signals; raise what they asked for if the block ends with another error."""
+
+    def note_unraisable(unraisable: Any) -> None:
+        # A signal within a finaliser is no defect: `raise_received` raises its exception again.
+        if unraisable.exc_type not in (KeyboardInterrupt, Terminated):
+            hook(unraisable)
+
+    hook, outer = sys.unraisablehook, len(_received)
     before = {number: signal.signal(number, stop) for number in numbers}
+    sys.unraisablehook = note_unraisable
     try:
         yield
+    except Exception:
+        # Python and libraries turn an interruption, of an import for example, into other errors.
+        if len(_received) > outer:
+            raise _received[-1] from None
+        raise
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+        sys.unraisablehook = hook
+        del _received[outer:]
 
 
 def end_all(processes: Iterable[BaseProcess]) -> None:

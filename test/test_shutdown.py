@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""An interrupted paper benchmark leaves no process, no temporary folder and no partial report."""
+"""Signals end a verb in one line, and leave no process, no temporary folder, no partial report."""
 
 from __future__ import annotations
 
@@ -10,16 +10,24 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, suppress
 from pathlib import Path
 
 import pytest
 from helpers.train import lines
 
 from adk_ros.bench.paper import paper_bench as runs
+from adk_ros.cli.console import progress
 from adk_ros.cli.main import main
 from adk_ros.files.output_folder import staged_folder
-from adk_ros.shutdown import TERMINATED, Terminated, graceful_shutdown
+from adk_ros.shutdown import (
+    TERMINATED,
+    Terminated,
+    graceful_shutdown,
+    interruptible,
+    raise_received,
+)
 
 LIMIT_S = 120.0
 
@@ -165,6 +173,73 @@ def test_first_signal_unwinds_and_later_ones_are_ignored() -> None:
         stopped(signal.SIGINT)
     assert cleaned == [signal.SIGTERM, signal.SIGINT]
     assert signal.getsignal(signal.SIGTERM) is before
+
+
+def ctrl_c() -> None:
+    """Press Ctrl-C, and wait for the exception."""
+    os.kill(os.getpid(), signal.SIGINT)
+    time.sleep(5.0)
+
+
+@pytest.mark.parametrize("context", [interruptible, graceful_shutdown])
+def test_a_swallowed_interruption_is_raised_by_the_next_report(
+    context: Callable[[], AbstractContextManager[None]],
+) -> None:
+    def swallowed() -> None:
+        with context(), progress("work") as report:
+            report(1, 3)
+            with suppress(BaseException):
+                ctrl_c()
+            report(2, 3)
+
+    with pytest.raises(KeyboardInterrupt):
+        swallowed()
+    with interruptible(), progress("work") as report:
+        report(3, 3)
+
+
+@pytest.mark.parametrize("context", [interruptible, graceful_shutdown])
+def test_an_interruption_that_became_an_error_is_raised(
+    context: Callable[[], AbstractContextManager[None]],
+) -> None:
+    def converted() -> None:
+        try:
+            ctrl_c()
+        except KeyboardInterrupt:
+            raise RuntimeError("an attribute cannot be set") from None
+
+    with pytest.raises(KeyboardInterrupt), context():
+        converted()
+    with pytest.raises(RuntimeError), context():
+        raise RuntimeError("no signal")
+
+
+def test_an_interruption_within_a_finaliser_prints_nothing(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    class Finalised:
+        def __del__(self) -> None:
+            ctrl_c()
+
+    def finalise() -> None:
+        finalised = Finalised()
+        del finalised
+        raise_received()
+
+    with pytest.raises(KeyboardInterrupt), interruptible():
+        finalise()
+    assert capsys.readouterr().err == ""
+
+
+def test_an_ignored_interruption_stays_ignored() -> None:
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        with interruptible():
+            os.kill(os.getpid(), signal.SIGINT)
+            raise_received()
+        assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 @pytest.mark.parametrize(

@@ -17,6 +17,7 @@ from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, T
 from rich.table import Table
 
 from adk_ros.numerics.finite import finite, number_or_dash
+from adk_ros.shutdown import raise_received
 from adk_ros.signals.channels import STATE_NAMES, TICK_NS
 from adk_ros.signals.score import DISPLAY_NAMES, REPORT_SCALE, ErrorTable, best_naive
 
@@ -79,6 +80,7 @@ def progress(what: str) -> Iterator[Callable[..., None]]:
     Yield `report(done, total, text="")`: a bar on a terminal, otherwise a line every 10 s.
 
     Work of less than a second shows nothing. Only one bar is visible: a new one replaces it.
+    A report raises the exception of a signal again that other code caught.
     """
     started = time.monotonic()
     if errors.is_terminal:
@@ -99,6 +101,7 @@ def progress(what: str) -> Iterator[Callable[..., None]]:
 
         def report(done: float, total: float, text: str = "") -> None:
             nonlocal shown, refreshed
+            raise_received()
             now = time.monotonic()
             if not shown and now - started > _MIN_SHOWN_S:
                 while _live:
@@ -122,6 +125,7 @@ def progress(what: str) -> Iterator[Callable[..., None]]:
 
     def line(done: float, total: float, text: str = "") -> None:
         nonlocal last
+        raise_received()
         now = time.monotonic()
         if now - last > _LINE_INTERVAL_S and total:
             note(f"{what}: {100.0 * done / total:.0f} %{'  ' + text if text else ''}")

@@ -40,6 +40,7 @@ from adk_ros.cli import (
 from adk_ros.cli.command import COMPARE, DATA, INSTALL, MEASURE, PREDICT, VerbCommand, VerbGroup
 from adk_ros.cli.compile import compile_code
 from adk_ros.errors import AdkError
+from adk_ros.shutdown import interruptible
 
 app = typer.Typer(
     name="adk",
@@ -107,8 +108,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     given = sys.argv[1:] if arguments is None else arguments
     command_line = COMMAND_LINE.set(shlex.join(["adk", *given]))
     try:
-        result = app(args=arguments, prog_name="adk", standalone_mode=False)
-        sys.stdout.flush()
+        with interruptible():
+            result = app(args=arguments, prog_name="adk", standalone_mode=False)
+            sys.stdout.flush()
         if result == _INTERRUPTED:
             print("adk: interrupted", file=sys.stderr)
         return result if isinstance(result, int) else 0
