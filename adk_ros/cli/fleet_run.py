@@ -27,6 +27,8 @@ def _estimate_text(estimate: dict[str, Any]) -> str:
     )
     if estimate["unhashed"]:
         text += f", {estimate['unhashed']} of them new"
+    if not estimate["workers"]:
+        return f"{text}; duration unknown: no worker is connected to the scheduler"
     if estimate["seconds"] is None:
         return f"{text}; duration unknown before the first result"
     return (

@@ -69,6 +69,13 @@ class Cluster:
         return self._threads[1]
 
     @property
+    def lacking(self) -> str:
+        """What the scheduler waits for before it can work, "" if for nothing."""
+        if self._address is None or self.threads:
+            return ""
+        return f"no worker is connected: start one with 'dask worker {self._address}'"
+
+    @property
     def is_connected(self) -> bool:
         """Whether the scheduler answers."""
         return bool(self.client.status == "running")

@@ -22,6 +22,8 @@ from adk_ros.errors import UsageError, first_line, one_line
 from adk_ros.fleet.libraries import fleet_library
 
 RESULTS, RECORDINGS, LISTED, SCRATCH = "results", "recordings", "listed", ".writing"
+UNREADABLE = "unreadable "
+"""Begin of what replaces the content hash of a recording that could not be read."""
 
 FINDING = {
     "finding": "string",
@@ -91,13 +93,21 @@ class FleetDataset:
         """Add content hashes; raises as `append`."""
         self._write(self._out / RECORDINGS, CONTENT, rows)
 
-    def content_hashes(self) -> dict[tuple[str, str], str]:
-        """Return (uri, version) -> content hash."""
-        return {
-            (row["uri"], row["version"]): row["content_hash"]
-            for path in _parts(self._out / RECORDINGS)
-            for row in self._read(path, ["uri", "version", "content_hash"])
-        }
+    def content_hashes(self, readable: bool = False) -> dict[tuple[str, str], str]:
+        """
+        Return (uri, version) -> content hash; `readable`: only of recordings that could be read.
+
+        One that could not be read at first, and could later, has the hash of its content.
+        """
+        found: dict[tuple[str, str], str] = {}
+        for path in _parts(self._out / RECORDINGS):
+            for row in self._read(path, ["uri", "version", "content_hash"]):
+                content = row["content_hash"]
+                if not content.startswith(UNREADABLE):
+                    found[row["uri"], row["version"]] = content
+                elif not readable:
+                    found.setdefault((row["uri"], row["version"]), content)
+        return found
 
     def listing(self, stage: str) -> list[dict[str, str]]:
         """Return content and key of each recording at the last run of a stage that listed it."""

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from hashlib import sha256
 from typing import Any
 
-from adk_ros.fleet.dataset import FleetDataset
+from adk_ros.fleet.dataset import UNREADABLE, FleetDataset
 from adk_ros.fleet.recordings import FleetRecording
 from adk_ros.fleet.stage import StageVersion
 
@@ -121,4 +121,4 @@ def current_rows(
 
 def unreadable_content(recording: FleetRecording) -> str:
     """Return what replaces the content hash of a recording that cannot be read."""
-    return sha256(f"unreadable\n{recording.uri}\n{recording.version}".encode()).hexdigest()
+    return UNREADABLE + sha256(f"{recording.uri}\n{recording.version}".encode()).hexdigest()

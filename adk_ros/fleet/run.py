@@ -91,7 +91,7 @@ def run_stage(
     with run_lock(out):
         remove_unfinished(out)
         dataset = FleetDataset(out)
-        hashes = dataset.content_hashes()
+        hashes = dataset.content_hashes(readable=limits.retry_failed)
         version = version_of(stage)
         found = plan(version, recordings, hashes, dataset, limits.retry_failed)
         if not found.unhashed and not found.missing:
@@ -120,7 +120,12 @@ def _hash_recordings(
     )
     meter = _Meter("hashing", len(by_name), sum(x.size for x in recordings), progress, cluster)
     with _Writer(dataset.append_hashes) as writer:
-        for task, reply in run_tasks(cluster, tasks, writer.flush_if_due):
+
+        def on_wake() -> None:
+            writer.flush_if_due()
+            meter.say_what_is_lacking()
+
+        for task, reply in run_tasks(cluster, tasks, on_wake):
             recording = by_name[task.name]
             _stop_if_needed(reply)
             content = unreadable_content(recording) if reply.failure else reply.value
@@ -163,7 +168,12 @@ def _compute(
     failures: Counter[str] = Counter()
     started, memory_mib, computed = time.monotonic(), 0.0, 0
     with _Writer(lambda rows: dataset.append(stage.name, rows)) as writer:
-        for task, reply in run_tasks(cluster, tasks, writer.flush_if_due):
+
+        def on_wake() -> None:
+            writer.flush_if_due()
+            meter.say_what_is_lacking()
+
+        for task, reply in run_tasks(cluster, tasks, on_wake):
             _stop_if_needed(reply)
             work = by_key[task.name]
             writer.add(result_rows(version, work, reply))
@@ -331,6 +341,7 @@ class _Meter:
         self._mean_size = max(1.0, size / max(1, total))
         self._progress = progress
         self._started, self._done, self._weight, self._failed = time.monotonic(), 0, 0.0, 0
+        self._cluster = cluster
         dashboard = cluster.dashboard
         self._engine = f", dashboard {dashboard}" if dashboard else ""
         self._report("")
@@ -345,6 +356,11 @@ class _Meter:
         rate = 60.0 * self._done / max(elapsed_s, 1e-9)
         failed = f", {self._failed} failed" if self._failed else ""
         self._report(f"{rate:.3g} a minute, {left} left{failed}")
+
+    def say_what_is_lacking(self) -> None:
+        """Report why nothing can go on, if nothing can."""
+        if lacking := self._cluster.lacking:
+            self._report(lacking)
 
     def _report(self, text: str) -> None:
         if self._progress is not None:

@@ -70,7 +70,7 @@ class Reply:
     """
     The result of a function, or why there is none.
 
-    `seconds` that it took; `memory_mib`: peak memory of its process, MiB.
+    `seconds` that it took; `memory_mib`: peak memory of its process meanwhile, MiB.
     """
 
     value: Any = None
@@ -212,6 +212,7 @@ def call(function: Callable[..., Any], arguments: Sequence[Any]) -> Reply:
     """Return what a function returns, or what it raises, as a `Reply`."""
     started = time.monotonic()
     value, failure, reason = None, None, ""
+    _forget_peak()
     try:
         value = function(*arguments)
     except StoreUnreachable as error:
@@ -228,8 +229,21 @@ def call(function: Callable[..., Any], arguments: Sequence[Any]) -> Reply:
         reason = _described(error)
     except Exception as error:
         failure, reason = Failure.ERROR, _described(error)
-    peak_mib = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
-    return Reply(value, failure, reason, time.monotonic() - started, peak_mib)
+    return Reply(value, failure, reason, time.monotonic() - started, _peak_mib())
+
+
+def _forget_peak() -> None:
+    """Let the peak memory of this process begin anew, where the kernel can do that."""
+    with suppress(OSError):
+        Path("/proc/self/clear_refs").write_text("5")
+
+
+def _peak_mib() -> float:
+    """Return the peak memory since `_forget_peak`, or of the process, MiB."""
+    with suppress(OSError, StopIteration, ValueError):
+        lines = Path("/proc/self/status").read_text().splitlines()
+        return float(next(line for line in lines if line.startswith("VmHWM")).split()[1]) / 1024.0
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
 
 
 def _described(error: Exception) -> str:

@@ -7,12 +7,16 @@ from __future__ import annotations
 import json
 import math
 from pathlib import Path
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from helpers.fleet_results import filled
 
-from adk_ros.api.fleet.replay_stage import ReplayStage
+from adk_ros.api.fleet.fleet_run import FleetEstimate
+from adk_ros.api.fleet.replay_stage import ReplayStage, surprise_rows
 from adk_ros.api.fleet.replay_summary import replay_summary
+from adk_ros.cli.fleet_run import print_estimate
 from adk_ros.cli.main import main
 from adk_ros.cli.options import read_options
 from adk_ros.fleet.recordings import find_recordings
@@ -112,3 +116,23 @@ def test_table_and_json(stage: ReplayStage, tmp_path: Path, capsys) -> None:
     assert content["surprises"][1] == {
         "recording": "b.mcap", "from_s": 0.0, "channel": "v_y", "value": 8.0
     }  # fmt: skip
+
+
+def test_a_minute_of_a_few_predictions_is_not_listed() -> None:
+    times = np.arange(0, 61_000, 25)
+    surprising = np.where(times < 60_000, 1.0, 9.0)
+    predictions = [SimpleNamespace(origin_ns=int(t) * 10**6, covariance=np.eye(3)) for t in times]
+    replayed = SimpleNamespace(
+        predictions=predictions,
+        innovations=np.column_stack([surprising] * 3),
+        recording=SimpleNamespace(content=SimpleNamespace(start_ns=0)),
+    )
+    (row,) = surprise_rows(replayed)  # type: ignore[arg-type]
+    assert (row["finding"], row["value"]) == ("minute 0", 1.0)
+
+
+def test_a_cluster_without_workers_has_no_duration(capsys) -> None:
+    estimate = FleetEstimate("index", 3, 1, 2, 0, 10**6, 0, None, 1)
+    print_estimate(estimate.as_dict(), False)
+    text = "duration unknown: no worker is connected to the scheduler"
+    assert capsys.readouterr().out.rstrip().endswith(text)

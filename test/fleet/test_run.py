@@ -10,12 +10,14 @@ from __future__ import annotations
 
 import os
 import random
+import re
 import signal
 import subprocess
 import sys
 import threading
 import time
 from contextlib import contextmanager, suppress
+from dataclasses import replace
 from functools import partial
 from types import SimpleNamespace
 
@@ -24,14 +26,17 @@ import pytest
 from helpers.fleet import compared, text_fleet, text_stage
 from pyarrow.parquet import ParquetFile  # type: ignore[import-untyped, unused-ignore]
 
+from adk_ros.api.fleet.fleet_run import FleetOptions, workers_of
 from adk_ros.api.fleet.results import fleet_frame, fleet_summary
 from adk_ros.bench.fleet.disturbed_runs import RunningCluster, environment
 from adk_ros.errors import UsageError
 from adk_ros.fleet.cluster import open_cluster
-from adk_ros.fleet.dataset import FleetDataset
+from adk_ros.fleet.dataset import UNREADABLE, FleetDataset
 from adk_ros.fleet.engine import Task, run_tasks
+from adk_ros.fleet.plan import current_rows
 from adk_ros.fleet.recordings import content_hash, find_recordings
 from adk_ros.fleet.run import Limits, run_stage
+from adk_ros.fleet.stage import version_of
 from adk_ros.fleet.stage_process import Failure, Reply, call
 
 SEED = 18
@@ -326,7 +331,7 @@ def test_the_dashboard_of_a_scheduler_that_has_gone(tmp_path) -> None:
 @contextmanager
 def fake_cluster():
     """Yield the cluster of a run whose tasks never reach a worker."""
-    yield SimpleNamespace(dashboard="")
+    yield SimpleNamespace(dashboard="", lacking="")
 
 
 def test_a_store_that_does_not_answer_stops_the_run(tmp_path, monkeypatch) -> None:
@@ -448,3 +453,49 @@ def test_the_inputs_are_hashed_once_for_a_run(tmp_path, monkeypatch) -> None:
     assert run_stage(stage, recordings, tmp_path / "out", fake_cluster).computed == 9
     assert stage.hashed == 1
     assert {row["inputs_hash"] for row in rows_of(tmp_path)} == {"inputs"}
+
+
+def test_a_recording_that_could_not_be_read_is_read_again_on_demand(tmp_path, monkeypatch) -> None:
+    run_here(monkeypatch)
+    (tmp_path / "a.mcap").write_text("content")
+    readable = False
+
+    def hashed(recording):
+        if readable:
+            return content_hash(recording)
+        raise UsageError(f"{recording.uri} cannot be read")
+
+    monkeypatch.setattr("adk_ros.fleet.run.content_hash", hashed)
+    stage, found = CountingStage(), find_recordings([str(tmp_path / "a.mcap")])
+
+    def run_again(limits):
+        run_stage(stage, found, tmp_path / "out", fake_cluster, limits)
+        return current_rows(version_of(stage), found, FleetDataset(tmp_path / "out"))
+
+    (row,) = run_again(LIMITS)
+    assert row["content_hash"].startswith(UNREADABLE)
+    readable = True
+    (row,) = run_again(LIMITS)
+    assert row["content_hash"].startswith(UNREADABLE), "not asked for"
+    (row,) = run_again(replace(LIMITS, retry_failed=True))
+    assert row["content_hash"] == content_hash(found[0])
+    assert run_again(LIMITS) == [row]
+
+
+@pytest.mark.slow(seconds=10)
+def test_a_scheduler_without_workers_is_said(tmp_path) -> None:
+    running = RunningCluster(tmp_path, workers=0)
+
+    def progress(done, total, text):
+        if "no worker" in text:
+            raise KeyboardInterrupt(text)
+
+    try:
+        lacking = f"no worker is connected: start one with 'dask worker {running.address}'"
+        with pytest.raises(KeyboardInterrupt, match=re.escape(f"hashing 0/28, {lacking}")):
+            run(tmp_path, tmp_path / "log", partial(open_cluster, 1, running.address),
+                progress=progress)  # fmt: skip
+        assert workers_of(FleetOptions(2, running.address)) == 0
+    finally:
+        running.stop()
+    assert workers_of(FleetOptions(2)) == 2

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import psutil
 import pytest
-from helpers.fleet import copy_and_wait, started_child, text_stage
+from helpers.fleet import copy_and_wait, length_of_bytes, started_child, text_stage
 
 from adk_ros.errors import UsageError
 from adk_ros.fleet.stage_process import Failure, StageProcess, call
@@ -66,6 +66,14 @@ def test_memory(process, tmp_path) -> None:
     assert reply.failure is Failure.MEMORY
     assert "needs more than 300 MiB" in reply.reason
     assert reply.memory_mib > 300.0
+
+
+def test_memory_is_that_of_a_task(process) -> None:
+    before = process.run(abs, [-1])
+    large = process.run(length_of_bytes, [100 * 2**20])
+    after = process.run(abs, [-1])
+    assert large.memory_mib > before.memory_mib + 90.0
+    assert after.memory_mib < large.memory_mib - 80.0
 
 
 def test_a_process_that_keeps_much_memory_is_replaced() -> None:

@@ -61,6 +61,11 @@ class TextStage:
         return counts
 
 
+def length_of_bytes(size):
+    """Hold so many bytes, and return their number."""
+    return len(b"x" * size)
+
+
 def text_fleet(folder, contents):
     """Write recordings, name -> text, and return them."""
     folder.mkdir(parents=True, exist_ok=True)

@@ -60,7 +60,8 @@ class FleetMismatch:
     Result of a fleet, the page that was written, and the recordings without evidence.
 
     `left`: number of recordings that were not chosen because of a limit. `notes`: what does not
-    match in fleet.csv.
+    match in fleet.csv. `unplaced`: number of recordings that take no part in the search for
+    places, since their odometry counts from the start of the drive.
     """
 
     result: FleetResult
@@ -68,6 +69,7 @@ class FleetMismatch:
     failed: tuple[tuple[str, str], ...]
     left: int = 0
     notes: tuple[str, ...] = ()
+    unplaced: int = 0
 
     @property
     def summary(self) -> str:
@@ -110,6 +112,7 @@ def fleet_mismatch(
     from adk_ros.fleet.inference.analysis import analyse_fleet
     from adk_ros.fleet.inference.corrected_models import corrected_models, simulation_model
     from adk_ros.fleet.inference.fleet_simulation import FleetSimulation
+    from adk_ros.fleet.inference.recording_evidence import UNPLACED
     from adk_ros.fleet.report.fleet_page import write_fleet_page
 
     timer = RunTimer()
@@ -139,6 +142,7 @@ def fleet_mismatch(
             if progress is not None:
                 progress(done, 1.0, text)
 
+        unplaced: set[str] = set()
         logs = shared / LOGS
         logs.mkdir(exist_ok=True)
         with ExitStack() as stack:
@@ -157,7 +161,9 @@ def fleet_mismatch(
                 names &= names if moved is None else set(moved)
                 usable = [recording for recording in found if recording.name in names]
                 run_stage(stage, usable, out, lambda: nullcontext(cluster()), limits, progress)
-                return evidence_of(out, stage, usable)
+                rows, failed = evidence_of(out, stage, usable)
+                unplaced.update(row["recording"] for row in rows if row.get(UNPLACED))
+                return rows, failed
 
             analysis = analyse_fleet(
                 evidence_at, known, lambda rows: recording_tags(rows, table.tags), report
@@ -185,9 +191,10 @@ def fleet_mismatch(
             links=links,
             models=models,
             failed=failed,
+            unplaced=len(unplaced),
         )
         left = len(listed) - len(found)
-        return FleetMismatch(analysis.result, page, failed, left, table.notes)
+        return FleetMismatch(analysis.result, page, failed, left, table.notes, len(unplaced))
 
 
 def _links(out: Path, stage: ReportStage, recordings: Sequence[FleetRecording]) -> dict[str, str]:
@@ -203,13 +210,22 @@ def _links(out: Path, stage: ReportStage, recordings: Sequence[FleetRecording]) 
 def evidence_of(
     out: Path, stage: EvidenceStage, recordings: Sequence[FleetRecording]
 ) -> tuple[list[Row], dict[str, str]]:
-    """Return the evidence of these recordings in a dataset, and name -> reason of the others."""
+    """
+    Return the evidence of these recordings in a dataset, and name -> reason of the others.
+
+    A copy under another name is no further evidence: the first by name counts.
+    """
     rows, failed = [], {}
-    for row in current_rows(version_of(stage), recordings, FleetDataset(out)):
-        if row["status"] == "ok":
-            rows.append(evidence_row(row["details"], row["recording"]))
+    first_of: dict[str, str] = {}
+    found = current_rows(version_of(stage), recordings, FleetDataset(out))
+    for row in sorted(found, key=lambda row: str(row["recording"])):
+        name = str(row["recording"])
+        if row["status"] != "ok":
+            failed[name] = str(row["reason"])
+        elif (first := first_of.setdefault(row["content_hash"], name)) != name:
+            failed[name] = f"has the content of {first}"
         else:
-            failed[str(row["recording"])] = str(row["reason"])
+            rows.append(evidence_row(row["details"], name))
     return rows, failed
 
 

@@ -49,9 +49,9 @@ class FleetEstimate:
     What a run would do.
 
     `total` recordings, of which `reused` have a result and `missing` do not; `unhashed` of these
-    are new. `seconds`: expected duration with `workers`, None without a rate. `basis`: where the
-    rate comes from: `measured` recordings of this stage in the dataset, or a default. `notes`:
-    what does not match in fleet.csv.
+    are new. `seconds`: expected duration with `workers`, local or those of the cluster, None
+    without a rate or a worker. `basis`: where the rate comes from: `measured` recordings of this
+    stage in the dataset, or a default. `notes`: what does not match in fleet.csv.
     """
 
     stage: str
@@ -127,8 +127,21 @@ def estimate_fleet(
     """
     options = options or FleetOptions()
     check_options(options)
+    options = replace(options, workers=workers_of(options))
     found, table = listed_recordings(recordings, options)
     return replace(estimate_stage(stage, found, Path(out), options), notes=table.notes)
+
+
+def workers_of(options: FleetOptions) -> int:
+    """
+    Return the number of recordings that are processed at a time: 0 for a cluster without workers.
+
+    :raises UsageError: no scheduler answers.
+    """
+    if options.cluster is None:
+        return options.workers
+    with open_cluster(options.workers, options.cluster) as cluster:
+        return cluster.threads
 
 
 def estimate_stage(
@@ -144,7 +157,7 @@ def estimate_stage(
     expected = None
     if not sizes:
         expected = 0.0
-    elif measured and rate_bytes:
+    elif measured and rate_bytes and options.workers:
         expected = seconds * sum(sizes) / rate_bytes / options.workers
     return FleetEstimate(
         stage.name,

@@ -16,6 +16,7 @@ from adk_ros.files.code_digest import code_digest
 from adk_ros.fleet.recordings import FleetRecording, local_recording
 from adk_ros.fleet.run import Progress
 from adk_ros.fleet.stage import hash_of
+from adk_ros.fleet.store import StoreUnreachable
 
 _FIRST_TRIED = 20
 """Recordings that are tried as the typical one before giving up."""
@@ -25,13 +26,19 @@ def simulation_file(
     simulation: Path,
     vehicle: Path | str | None,
     out: Path,
+    without_imu: bool,
     reading: RecordingOptions,
     simulation_reading: RecordingOptions,
 ) -> Path:
-    """Return the file of the identified simulation, named by its inputs, whether it exists."""
+    """
+    Return the file of the identified simulation, named by its inputs, whether it exists.
+
+    The typical recording is no such input: a fleet grows, and its first one stays the typical one.
+    """
     given = "" if vehicle is None else str(vehicle)
     files = [file_hash(str(simulation)), file_hash(given)]
-    key = hash_of([*files, asdict(reading), asdict(simulation_reading), code_digest()])
+    read_with = [without_imu, asdict(reading), asdict(simulation_reading)]
+    key = hash_of([*files, *read_with, code_digest()])
     return out / f"simulation-{key[:16]}.npz"
 
 
@@ -51,11 +58,12 @@ def identified_simulation(
     The caller holds the lock of `out`: another run would identify the same.
 
     :raises DataError: none of the first recordings can be used.
+    :raises StoreUnreachable: a store does not answer.
     """
     from adk_ros.fleet.inference.fleet_simulation import FleetSimulation
     from adk_ros.mismatch.recording.nominal_vehicle import load_nominal_vehicle
 
-    path = simulation_file(simulation, vehicle, out, reading, simulation_reading)
+    path = simulation_file(simulation, vehicle, out, without_imu, reading, simulation_reading)
     if path.exists():
         return path
     nominal = None if vehicle is None else load_nominal_vehicle(vehicle)
@@ -72,6 +80,9 @@ def identified_simulation(
             with local_recording(recording) as local:
                 typical = read_log(local, reading, needs_imu=not without_imu, wheel_radius=radius)
             known = FleetSimulation.identify(simulated, typical, nominal, report)
+        except StoreUnreachable:
+            # Says nothing about the recording: another one would give another result.
+            raise
         except AdkError as error:
             reasons.append(f"{recording.name}: {error}")
             continue

@@ -17,6 +17,7 @@ from adk_ros.api.fleet.fleet_run import (
     chosen_recordings,
     estimate_stage,
     listed_recordings,
+    workers_of,
 )
 from adk_ros.api.fleet.identified_simulation import simulation_file
 from adk_ros.api.fleet.recording_minutes import recording_minutes
@@ -62,11 +63,14 @@ def estimate_mismatch(
     check_options(options)
     if not simulation.exists():
         raise UsageError(f"--simulation {simulation} does not exist")
+    options = replace(options, workers=workers_of(options))
     listed, table = listed_recordings(recordings, options)
     found = chosen_recordings(listed, options.limits.count)
     options = replace(options, limits=replace(options.limits, count=None))
     reading = recording_options or RecordingOptions()
-    path = simulation_file(simulation, vehicle, out, reading, simulation_options or reading)
+    path = simulation_file(
+        simulation, vehicle, out, without_imu, reading, simulation_options or reading
+    )
     stage = EvidenceStage(str(path) if path.exists() else "", "", without_imu, reading)
     first = replace(estimate_stage(stage, found, out, options), notes=table.notes)
     is_finished = first.missing == 0 and (out / REPORT / "fleet.json").is_file()
@@ -74,7 +78,7 @@ def estimate_mismatch(
         return first
     if first.seconds is None:
         minutes = recording_minutes(found, FleetDataset(out))
-        if minutes is None:
+        if minutes is None or not options.workers:
             return first
         seconds = DEFAULT_CORE_S * minutes * USUAL_PASSES / options.workers
         return replace(first, seconds=seconds, basis=_DEFAULT_BASIS)

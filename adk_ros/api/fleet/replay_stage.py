@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 _UNITS = dict(zip(STATE_NAMES, ("m/s", "m/s", "rad/s"), strict=True))
 MINUTES = 5
 """Minutes that are listed, the most surprising first."""
+_LEAST_S = 10.0
+"""s of predictions in a minute that is listed: the last one may have but a few. By choice."""
 
 
 @dataclass(frozen=True)
@@ -137,6 +139,8 @@ def surprise_rows(result: ReplayResult) -> list[dict[str, Any]]:
     rows = []
     for number in np.unique(minute[known]):
         inside = squares[known & (minute == number)]
+        if len(inside) * TICK_NS * 1e-9 < _LEAST_S:
+            continue
         by_channel = np.sqrt(inside.mean(axis=0))
         rows.append(
             {

@@ -10,7 +10,8 @@ listed in the result and not exported: a term at a place needs the line of a lap
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
+from itertools import count
 
 from adk_ros.fleet.inference.fleet_result import Claim, FleetResult
 from adk_ros.fleet.inference.levels import CONDITION, SHARED
@@ -27,16 +28,19 @@ MODELS = "corrected_*.yaml"
 def corrected_models(result: FleetResult, surrogate: SurrogateModel) -> dict[str, str]:
     """Return file name -> text of the corrected models: all cars, each car, each condition."""
     shared = [c for c in result.claims if _in_all(c)]
-    out = {"corrected_all.yaml": _text(shared, surrogate)}
+    models = [("all", _text(shared, surrogate))]
     for car in result.cars:
         own = [c for c in result.claims if c.car == car]
         if own:
-            out[f"corrected_{car}.yaml"] = _text([*shared, *own], surrogate)
+            models.append((car, _text([*shared, *own], surrogate)))
     conditions = {(c.tag, c.value) for c in result.claims if c.kind == CONDITION}
     for tag, value in sorted(conditions):
         own = [c for c in result.claims if (c.tag, c.value) == (tag, value)]
-        out[f"corrected_{tag}_{value}.yaml"] = _text([*shared, *own], surrogate)
-    return {_safe(name): text for name, text in out.items()}
+        models.append((f"{tag}_{value}", _text([*shared, *own], surrogate)))
+    out: dict[str, str] = {}
+    for of, text in models:
+        out[_unused_name(of, out)] = text
+    return out
 
 
 def simulation_model(surrogate: SurrogateModel) -> str:
@@ -85,6 +89,8 @@ def _values(effect: Effect, thetas: Mapping[str, float]) -> dict[str, float]:
     return out
 
 
-def _safe(name: str) -> str:
-    """Return a file name without separators."""
-    return "".join(c if c.isalnum() or c in "._-" else "_" for c in name)
+def _unused_name(of: str, taken: Collection[str]) -> str:
+    """Return a file name without separators that no other car or condition has."""
+    safe = "".join(c if c.isalnum() or c in "._-" else "_" for c in of)
+    names = (f"corrected_{safe}{f'_{i}' if i > 1 else ''}.yaml" for i in count(1))
+    return next(name for name in names if name not in taken)

@@ -34,6 +34,10 @@ from adk_ros.mismatch.surrogate.activation import Activation
 from adk_ros.mismatch.surrogate.residuals import BIN_S
 from adk_ros.numerics.arrays import FloatArray
 
+UNPLACED = "unplaced"
+"""Entry of a recording's row: whether it takes no part in the search for places."""
+_ORIGIN_M = 1.0
+"""m from x = y = 0 within which odometry that counts from its start begins. By choice."""
 _PRIOR_UNITS = 100.0
 """
 Prior standard deviation of an effect in a recording's own fit, in materiality thresholds: wide,
@@ -68,7 +72,8 @@ def evidence_rows(
     counted = (likelihood.weights > 0.0).any(axis=0)
     expected = likelihood.expected_loss(linear.residuals)
     rows: list[Row] = []
-    if likelihood.problem.log.length_scale == 1.0:
+    unplaced = begins_at_origin(recording)
+    if likelihood.problem.log.length_scale == 1.0 and not unplaced:
         rows = place_rows(name, likelihood, linear, values, columns, placed)
     evidence = Evidence(
         name,
@@ -84,7 +89,17 @@ def evidence_rows(
         point=linear.point,
         blocks=int(np.unique(linear.block[linear.residuals != 0.0]).size),
     )
-    return [evidence.to_row(), *rows]
+    return [evidence.to_row() | {UNPLACED: unplaced}, *rows]
+
+
+def begins_at_origin(recording: SensorLog) -> bool:
+    """
+    Whether odometry counts from the start of the drive: two such drives have no place in common.
+
+    In a map, a drive begins at x = y = 0 by chance only, and is missed little.
+    """
+    known = recording.pose[np.isfinite(recording.pose[:, :2]).all(axis=1), :2]
+    return bool(known.size) and float(np.hypot(*known[0])) < _ORIGIN_M
 
 
 @dataclass(frozen=True)

@@ -23,6 +23,7 @@ from adk_ros.fleet.report.fleet_rows import (
     not_claimed_rows,
     place_rows,
     summary_sentence,
+    unplaced_text,
 )
 
 PAGE, DATA = "fleet.html", "fleet.json"
@@ -38,6 +39,7 @@ def write_fleet_page(
     links: Mapping[str, str] | None = None,
     models: Mapping[str, str] | None = None,
     failed: Sequence[tuple[str, str]] = (),
+    unplaced: int = 0,
 ) -> Path:
     """
     Write `fleet.html`, `fleet.json`, figures and corrected models into a folder.
@@ -45,7 +47,8 @@ def write_fleet_page(
     Corrected models of an earlier result that are not among `models` are removed.
 
     `links`: recording -> address of its report; `models`: file name -> text
-    (`corrected_models`); `failed`: recordings without evidence, with the reason.
+    (`corrected_models`); `failed`: recordings without evidence, with the reason; `unplaced`:
+    number of those that take no part in the search for places.
     """
     figures: dict[str, Any] = {}
     if result.vehicles:
@@ -85,6 +88,7 @@ def write_fleet_page(
         worst=_worst_rows(result, links or {}),
         models=sorted(models or {}),
         failed=[list(pair) for pair in failed],
+        unplaced=unplaced_text(unplaced),
         outdated=[[r.name, r.note] for r in result.recordings if r.note],
         tests=result.tests,
         recordings=len(result.recordings),

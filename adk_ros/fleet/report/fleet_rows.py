@@ -64,6 +64,17 @@ def summary_sentence(result: FleetResult) -> str:
     return f"{of}, relative to the simulation: {'; '.join(parts)}."
 
 
+def unplaced_text(number: int) -> str:
+    """Return why `number` recordings take no part in the search for places, "" for none."""
+    if not number:
+        return ""
+    begin, count = ("begins", "counts") if number == 1 else ("begin", "count")
+    return (
+        f"{number} recording{'s' * (number > 1)} {begin} at x = y = 0 and {count} for no place: "
+        "positions from the start of each drive are not those of a map"
+    )
+
+
 def _what_is_left(result: FleetResult) -> str:
     """Return how much is unexplained without a claim, and whether for want of cars."""
     loss = float(np.median([r.loss_ratio for r in result.recordings]))

@@ -115,11 +115,14 @@ def test_only_results_of_the_stage_are_combined(tmp_path: Path) -> None:
     (tmp_path / "s.npz").write_bytes(b"1")
     stage = EvidenceStage(str(tmp_path / "s.npz"))
     version = version_of(stage)
-    names = ("good", "stale", "other", "changed", "renamed", "bad")
+    names = ("good", "stale", "other", "changed", "renamed", "bad", "good again")
     found = [FleetRecording(name, f"/{name}", (), 1, "") for name in names]
     dataset = FleetDataset(tmp_path)
     dataset.append_hashes(
-        [{"uri": x.uri, "version": x.version, "content_hash": f"that of {x.name}"} for x in found]
+        [
+            {"uri": x.uri, "version": x.version, "content_hash": f"that of {x.name.split()[0]}"}
+            for x in found
+        ]
     )
     text = evidence_text({"kind": RECORDING, "recording": "x"})
 
@@ -140,11 +143,13 @@ def test_only_results_of_the_stage_are_combined(tmp_path: Path) -> None:
             row("renamed", "that of good"),
             row("of an earlier run"),
             row("bad") | {"status": "failed", "reason": "too short"},
+            # A copy is no further evidence.
+            row("good again", "that of good"),
         ],
     )
     rows, failed = evidence_of(tmp_path, stage, found)
-    assert [each["recording"] for each in rows] == ["good", "changed"]
-    assert failed == {"bad": "too short"}
+    assert [each["recording"] for each in rows] == ["changed", "good"]
+    assert failed == {"bad": "too short", "good again": "has the content of good"}
 
 
 def test_unusable_input_is_one_line(tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ from adk_ros.fleet.demo.fleet_plan import FleetPlan, FleetSize, InjectedTerm, pl
 from adk_ros.fleet.inference.evidence import Evidence
 from adk_ros.fleet.inference.fleet_simulation import FleetSimulation
 from adk_ros.fleet.inference.levels import SHARED, Level
-from adk_ros.fleet.inference.recording_evidence import evidence_rows
+from adk_ros.fleet.inference.recording_evidence import UNPLACED, evidence_rows
 
 pytestmark = pytest.mark.slow(seconds=60)
 
@@ -56,6 +56,15 @@ def test_the_score_points_to_the_injected_effect() -> None:
     assert drag_of(two) == pytest.approx(size, rel=0.05)
     assert two.loss < one.loss
     assert {row["kind"] for row in rows[1:]} == {"place"}
+    assert rows[0][UNPLACED] is False
+
+
+def test_a_drive_that_begins_at_its_own_origin_has_no_places() -> None:
+    fleet = drives()
+    log = fleet.drive(fleet.plan.drives[0])
+    log.pose[:, :2] -= log.pose[0, :2]
+    (row,) = evidence_rows(log, simulation())
+    assert row[UNPLACED] is True
 
 
 def test_a_file_holds_the_simulation(tmp_path: Path) -> None:

@@ -204,3 +204,15 @@ def test_a_comparison_knows_ties_and_places_that_touch() -> None:
     drag["ties"] = []
     status = sorted(row[4] for row in compared_claims(before, after))
     assert (status.count("new"), status.count("no longer claimed")) == (2, 2)
+
+
+def test_no_model_replaces_that_of_another_car() -> None:
+    found = result()
+    claim = next(c for c in found.claims if c.car)
+    cars = ("all", "car 1", "car_1")
+    claims = tuple(replace(claim, car=car) for car in cars)
+    models = corrected_models(replace(found, cars=cars, claims=claims), surrogate())
+    assert list(models) == [
+        "corrected_all.yaml", "corrected_all_2.yaml", "corrected_car_1.yaml",
+        "corrected_car_1_2.yaml",
+    ]  # fmt: skip
