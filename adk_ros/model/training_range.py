@@ -88,9 +88,9 @@ class TrainingRange:
         share = ((rows < self.low - margin) | (rows > self.high + margin)).mean(axis=0)
         return {n: float(s) for n, s in zip(QUANTITIES, share, strict=True) if s > _REPORTED_SHARE}
 
-    def distance(self, states: FloatArray, u: Sequence[float]) -> FloatArray:
+    def distance(self, states: FloatArray, u: Sequence[float] | FloatArray) -> FloatArray:
         """
-        Return how far states (n, 3) and the command u (2,) are outside the range, (n,).
+        Return how far states (n, 3) and commands u, (n, 2) or one (2,), are outside the range, (n,).
 
         The largest distance of a quantity from its range, in widths of the range; 0 within.
         """

@@ -237,7 +237,9 @@ class PredictorNode:
             distance = None
             sample = self.core.pipeline.last_sample
             if self._trained is not None and sample is not None:
-                distance = self._trained.distance(prediction.horizon, sample.u)
+                planned = self.core.pipeline.planned.commands
+                commands = sample.u if planned is None else planned
+                distance = self._trained.distance(prediction.horizon, commands)
             stamped = self._stamped.fill(prediction.origin_ns, covariance, distance)
             self._stamped_out.send(stamped)
 

@@ -75,5 +75,7 @@ def test_the_distance_is_in_widths_of_the_range() -> None:
     np.testing.assert_allclose(distance, [0.0, 0.1, 0.5, 0.0, slip])
     # The command counts at all steps.
     np.testing.assert_allclose(KNOWN.distance(states[:2], [0.0, 0.2]), [0.5, 0.5])
+    planned = np.array([[0.0, 0.0], [0.0, 0.2]])
+    np.testing.assert_allclose(KNOWN.distance(states[:2], planned), [0.0, 0.5])
     unlimited = TrainingRange(np.full(7, -math.inf), np.full(7, math.inf))
     np.testing.assert_array_equal(unlimited.distance(states, [1e9, 1.0]), np.zeros(5))
