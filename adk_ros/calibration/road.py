@@ -14,7 +14,7 @@ from adk_ros.calibration.finding import Finding, Verdict, found, not_decidable
 from adk_ros.calibration.streams import Stream, Streams
 from adk_ros.numerics.arrays import FloatArray
 from adk_ros.numerics.constants import GRAVITY
-from adk_ros.road.open_loop import speed_error
+from adk_ros.road.open_loop import held_out_speed_error
 from adk_ros.road.profile import RoadProfile, SlopeProfile, road_profile
 from adk_ros.road.recorded_drive import RecordedDrive
 from adk_ros.signals.moving_speed import STANDING_SPEED
@@ -93,10 +93,10 @@ def recorded_drive(streams: Streams, unusable: Iterable[Interval]) -> RecordedDr
 
 
 def _grade(profile: RoadProfile, drive: RecordedDrive) -> Finding:
-    before, after = speed_error(drive, profile.at_s, profile.grade.value, STANDING_SPEED)
+    before, after = held_out_speed_error(drive, STANDING_SPEED)
     evidence = (
         f"{_EVIDENCE}; the kinematic error of v_x after 1 s is {before:.2f} m/s, with the grade "
-        f"{after:.2f} m/s; assumed: {'; '.join(profile.assumed)}"
+        f"by the data before and after {after:.2f} m/s; assumed: {'; '.join(profile.assumed)}"
     )
     level = profile.grade.level
     if profile.level_by:

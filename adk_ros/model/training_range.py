@@ -90,7 +90,7 @@ class TrainingRange:
 
     def distance(self, states: FloatArray, u: Sequence[float] | FloatArray) -> FloatArray:
         """
-        Return how far states (n, 3) and commands u, (n, 2) or one (2,), are outside the range, (n,).
+        Return how far states (n, 3) and commands, (n, 2) or one (2,), are outside the range, (n,).
 
         The largest distance of a quantity from its range, in widths of the range; 0 within.
         """

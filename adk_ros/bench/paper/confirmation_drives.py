@@ -23,6 +23,7 @@ import yaml
 
 from adk_ros.bench.paper.cases import NOMINAL, DriveSet
 from adk_ros.bench.paper.other_simulators import DESCRIPTIONS, OtherDrive
+from adk_ros.errors import DataError
 from adk_ros.numerics.constants import GRAVITY
 from adk_ros.plant.scenario.random_routes import ROAD_STYLES, RoadStyle, random_route, spins
 from adk_ros.plant.scenario.scenario_file import Scenario, load_scenario
@@ -181,7 +182,11 @@ def _written(folder: Path, name: str, content: Content, rng: np.random.Generator
 
 
 def _slow_down_to_the_road(path: Path) -> None:
-    """Reduce the speeds in a scenario file until the car does not spin."""
+    """
+    Reduce the speeds in a scenario file until the car does not spin.
+
+    :raises DataError: it spins at any of them.
+    """
     for _ in range(_MAX_TRIES):
         if not drive_spins(load_scenario(path)):
             return
@@ -191,6 +196,9 @@ def _slow_down_to_the_road(path: Path) -> None:
         if "steering" in content:
             content["start_speed"] *= _SLOWER
         path.write_text(yaml.safe_dump(content, sort_keys=False), encoding="utf-8")
+    raise DataError(
+        f"{path.name}: the car spins at {_SLOWER**_MAX_TRIES:.2g} of its speed as well"
+    )
 
 
 def drive_spins(scenario: Scenario) -> bool:

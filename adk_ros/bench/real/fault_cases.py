@@ -60,7 +60,7 @@ class Pairing:
 
 def recordings_by_vehicle(folder: Path) -> dict[str, list[Path]]:
     """
-    Return the bags below a folder by vehicle: the name of the folder that a bag lies in.
+    Return the bags below a folder by vehicle: the path of the folder that a bag lies in.
 
     :raises UsageError: it is no folder, or has no bag.
     """
@@ -69,7 +69,8 @@ def recordings_by_vehicle(folder: Path) -> dict[str, list[Path]]:
     found: dict[str, list[Path]] = {}
     for path in sorted(folder.rglob("metadata.yaml")):
         bag = path.parent
-        found.setdefault(bag.parent.name, []).append(bag)
+        below = bag.parent.relative_to(folder).as_posix()
+        found.setdefault(folder.name if below == "." else below, []).append(bag)
     if not found:
         raise UsageError(
             f"--recordings {folder}: has no rosbag2 folder; import recordings with adk import, "

@@ -146,8 +146,9 @@ def _with_slopes(result: RealBench, bags: dict[str, list[Path]]) -> RealBench:
         for path in paths:
             try:
                 content = read_streams(path, RecordingOptions())
-            except DataError:
-                continue  # Refused with the faults.
+            except (DataError, UsageError) as error:
+                refused.append(f"{vehicle}, {path.name}, withheld attitude: {error}")
+                continue
             slopes += slope_outcomes(vehicle, path.name, content)
     return replace(result, slopes=slopes, refused=refused)
 

@@ -210,5 +210,17 @@ def _size(identified: IdentifiedEffect, term: Term) -> Interval | None:
         if competitor.name == term.effect:
             value = competitor.fitted.values()[term.parameter]
             # A competitor has the relative uncertainty of what it competes with.
-            return Interval(value, value, value, "")
+            below, above = _relative(identified)
+            away = value - term.neutral
+            low, high = sorted((term.neutral + below * away, term.neutral + above * away))
+            return Interval(value, low, high, "")
     return None
+
+
+def _relative(identified: IdentifiedEffect) -> tuple[float, float]:
+    """Return the bounds of an effect's first interval, of the distance from its neutral value."""
+    effect = identified.effect
+    size = identified.parameters[effect.parameters[0].name]
+    neutral = effect.parameters[0].neutral
+    away = size.value - neutral
+    return ((size.low - neutral) / away, (size.high - neutral) / away) if away else (1.0, 1.0)

@@ -15,6 +15,7 @@ from adk_ros.bench.real.real_predictions import (
     largest_ratio,
     mean_ratio,
 )
+from adk_ros.bench.real.withheld_attitude import MAX_LEFT
 
 MIN_NAMED = 0.9
 """Share of the injected faults that must be named."""
@@ -103,10 +104,15 @@ def _of_terms(result: RealBench) -> list[Criterion]:
 def _of_slopes(result: RealBench) -> list[Criterion]:
     grades = [x for x in result.slopes if x.slope == "grade" and x.is_counted]
     least = min((x.correlation for x in grades), default=float("nan"))
+    dominated = [x.v_x_error for x in grades if x.is_dominated]
+    left = max((found / none for none, found, _ in dominated), default=float("nan"))
     return [
         Criterion("correlation of the grade without attitude", least,
                   f"at least {MIN_CORRELATION:g}", bool(grades) and least >= MIN_CORRELATION,
                   len(grades)),
+        Criterion("share of the v_x error 1 s ahead that the grade without attitude leaves", left,
+                  f"at most {MAX_LEFT:g}", bool(dominated) and left <= MAX_LEFT,
+                  len(dominated)),
     ]  # fmt: skip
 
 

@@ -5,8 +5,8 @@ Withhold the attitude of an inertial navigation system, and require the slope of
 
 The profile of grade and bank comes from specific force, velocity and yaw rate; the attitude, which
 a navigation system computes from the same IMU and a receiver, is the reference. What each is worth
-is the error of v_x after 1 s, integrated from specific force: without a slope, with the profile,
-and with the attitude.
+is the error of v_x after 1 s, integrated from specific force: without a slope, with the profile of
+the data before and after that second, and with the attitude.
 """
 
 from __future__ import annotations
@@ -15,13 +15,17 @@ from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
-from adk_ros.calibration.check import check
+from adk_ros.calibration.check import check, correct_signs
 from adk_ros.calibration.criteria import MATERIAL
 from adk_ros.calibration.from_bag import BagContent
 from adk_ros.calibration.road import attitude_comparison, recorded_drive
 from adk_ros.calibration.stream_checks import check_streams
-from adk_ros.road.open_loop import speed_error
+from adk_ros.road.open_loop import held_out_speed_error, speed_error
+from adk_ros.road.recorded_drive import RecordedDrive
 from adk_ros.signals.moving_speed import STANDING_SPEED
+
+MAX_LEFT = 0.2
+"""Share of the error of v_x 1 s ahead that a grade leaves where the slope dominates it."""
 
 
 @dataclass(frozen=True)
@@ -44,6 +48,14 @@ class SlopeOutcome:
     is_counted: bool
     v_x_error: tuple[float, ...] = ()
 
+    @property
+    def is_dominated(self) -> bool:
+        """Whether the slope makes most of the error of v_x: the attitude removes that much."""
+        if not self.v_x_error:
+            return False
+        none, _, used = self.v_x_error
+        return used <= MAX_LEFT * none
+
     def as_dict(self) -> dict[str, object]:
         """Return the outcome for JSON."""
         return asdict(self)
@@ -58,9 +70,9 @@ def slope_outcomes(vehicle: str, recording: str, content: BagContent) -> list[Sl
     profile = check(withheld).road
     if profile is None:
         return []
-    drive = recorded_drive(content.streams, check_streams(content.streams).unusable)
+    drive = _checked_drive(withheld)
     angles = -np.interp(profile.at_s, attitude.at_s, attitude["pitch"])
-    none, found = speed_error(drive, profile.at_s, profile.grade.value, STANDING_SPEED)
+    none, found = held_out_speed_error(drive, STANDING_SPEED)
     _, used = speed_error(drive, profile.at_s, angles, STANDING_SPEED)
     return [
         SlopeOutcome(
@@ -75,3 +87,11 @@ def slope_outcomes(vehicle: str, recording: str, content: BagContent) -> list[Sl
         )
         for name, correlation, scale, spread in attitude_comparison(profile, attitude)
     ]
+
+
+def _checked_drive(content: BagContent) -> RecordedDrive:
+    """Return the drive with the signs, axes and units that `check` corrects before the profile."""
+    streams, _, _ = correct_signs(content, check_streams(content.streams).unusable, None)
+    # Gaps of the command do not matter to the road.
+    unusable = check_streams(replace(content.streams, command=None)).unusable
+    return recorded_drive(streams, unusable)

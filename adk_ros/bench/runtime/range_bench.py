@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from adk_ros.bench.runtime.synthetic_feed import bench_model
-from adk_ros.errors import UsageError
+from adk_ros.errors import DataError, UsageError
 from adk_ros.model import artefact
 from adk_ros.model.evaluation import rollout_record
 from adk_ros.model.koopman import KoopmanModel
@@ -151,7 +151,11 @@ def _drives(speeds_kmh: Sequence[float], seed: int) -> Iterator[tuple[Record, st
 
 
 def slalom(speed_kmh: float, seed: int, changes: dict[str, Any]) -> Record:
-    """Return the truth of the paper's slalom at another speed, on the road."""
+    """
+    Return the truth of the paper's slalom at another speed, on the road.
+
+    :raises DataError: the car spins at that speed however little it steers.
+    """
     base = load_scenario("slalom")
     top = speed_kmh / 3.6
     content = base.model_dump() | changes
@@ -161,9 +165,9 @@ def slalom(speed_kmh: float, seed: int, changes: dict[str, Any]) -> Record:
     for _ in range(_MAX_TRIES):
         driven = simulate(Scenario(**content), seed=seed)
         if not spins(driven.x[:, 1]):
-            break
+            return driven.truth()
         content["steering"]["amplitude"] *= _STEER_LESS
-    return driven.truth()
+    raise DataError(f"the car spins in a slalom at {speed_kmh:g} km/h, however little it steers")
 
 
 def kinematic(speed: float, seed: int, stops: bool) -> Record:

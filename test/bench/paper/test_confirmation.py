@@ -31,6 +31,7 @@ from adk_ros.bench.paper.training_jobs import (
 )
 from adk_ros.bench.vehicles.multibody import MULTI_BODY
 from adk_ros.cli.main import main
+from adk_ros.errors import DataError
 from adk_ros.files.code_digest import code_digest
 from adk_ros.numerics.constants import QUANTILE_90
 from adk_ros.plant.scenario.scenario_file import Scenario, load_scenario
@@ -104,6 +105,14 @@ def test_a_car_that_spins_drives_more_slowly(
     assert after.top == pytest.approx(0.81 * before.top)
     assert after.lateral_accel == pytest.approx(0.81**2 * before.lateral_accel)
     assert drawn.scenario(drawn.tests[1]) == slower.scenario(drawn.tests[1])
+
+
+def test_a_car_that_spins_at_any_speed_is_said(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(confirmation_drives, "drive_spins", lambda scenario: True)
+    with pytest.raises(DataError, match=r"the car spins at 0\.39 of its speed as well"):
+        write_confirmation_drives(tmp_path / "a", "spin", 3)
 
 
 @pytest.mark.slow

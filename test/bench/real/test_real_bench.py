@@ -21,7 +21,14 @@ from adk_ros.bench.real.fault_cases import (
 )
 from adk_ros.bench.real.injected_faults import INJECTIONS
 from adk_ros.bench.real.outcome import score, scores_by
-from adk_ros.bench.real.real_bench import FAULTS, OTHER_COURSE, FaultOutcome, RealBench, bench_real
+from adk_ros.bench.real.real_bench import (
+    FAULTS,
+    OTHER_COURSE,
+    SLOPES,
+    FaultOutcome,
+    RealBench,
+    bench_real,
+)
 from adk_ros.bench.real.scores import criteria
 from adk_ros.calibration.faults import FAULTS as KNOWN_FAULTS
 from adk_ros.calibration.streams import Streams
@@ -143,7 +150,7 @@ def test_scores_and_criteria() -> None:
     total = score("all", [*nine, missed])
     assert (total.named, total.median_error, total.left_open) == pytest.approx((0.9, 0.08, 0.1))
     result = RealBench([*nine, missed, elsewhere, clean], {}, [])
-    assert [x.verdict for x in criteria(result)] == ["PASS"] * 3 + ["NONE"] * 6
+    assert [x.verdict for x in criteria(result)] == ["PASS"] * 3 + ["NONE"] * 7
     assert [x.group for x in scores_by(result.outcomes, lambda x: x.kind)] == [
         "halves",
         OTHER_COURSE,
@@ -170,6 +177,20 @@ def test_the_table_and_the_files(
     assert len(out.read_text().splitlines()) == 2
     assert main([*arguments, "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["criteria"][0]["is_met"] is True
+
+
+def test_folders_of_the_same_name_are_different_vehicles(tmp_path: Path) -> None:
+    for folder in ("a/run/one", "b/run/two", "three"):
+        (tmp_path / folder).mkdir(parents=True)
+        (tmp_path / folder / "metadata.yaml").touch()
+    assert list(recordings_by_vehicle(tmp_path)) == ["a/run", "b/run", tmp_path.name]
+
+
+def test_a_recording_that_cannot_be_read_is_listed(tmp_path: Path) -> None:
+    (tmp_path / "car" / "one").mkdir(parents=True)
+    (tmp_path / "car" / "one" / "metadata.yaml").write_text("nothing")
+    (line,) = bench_real(tmp_path, {}, None, (SLOPES,)).refused
+    assert line.startswith("car, one, withheld attitude: ")
 
 
 def test_folders_without_recordings_are_refused(tmp_path: Path) -> None:

@@ -21,6 +21,8 @@ from adk_ros.bench.real.real_bench import RealBench, bench_real
 from adk_ros.bench.real.removed_terms import TERMS, Term, TermOutcome, parts
 from adk_ros.bench.real.scores import as_dict, criteria
 from adk_ros.bench.real.withheld_attitude import SlopeOutcome
+from adk_ros.mismatch.inference.hypothesis import ActiveEffect
+from adk_ros.mismatch.inference.identifiability import CompetingEffect
 from adk_ros.mismatch.inference.result import MismatchResult
 from adk_ros.mismatch.library.catalogue import EFFECTS
 from adk_ros.mismatch.library.surrogate_parameters import INDEX
@@ -111,12 +113,30 @@ def test_what_is_said_is_scored(monkeypatch: pytest.MonkeyPatch) -> None:
     assert aero.false_claims == ()
 
 
+def test_a_competitor_is_as_uncertain_as_what_it_competes_with(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    drag = EFFECTS["aero_drag"]
+    fitted = ActiveEffect(drag, (0.48,))
+    competitor = CompetingEffect("rolling_resistance", "aero_drag", 0.5, fitted, True)
+    rolling = replace(
+        identified("rolling_resistance", 0.01, 0.008, 0.013),
+        alternatives=["aero_drag"],
+        competitors=(competitor,),
+    )
+    aero = outcomes_of(result_of("", (rolling,)), monkeypatch)[-1]
+    assert aero.is_named
+    assert not aero.is_alone
+    assert (aero.estimate, aero.low, aero.high) == pytest.approx((0.48, 0.384, 0.624))
+    assert aero.is_inside
+
+
 def test_scores_and_criteria_of_terms_and_slopes() -> None:
     missed = outcome(is_named=False, is_alone=False, error=None, is_inside=False)
     total = score("all", [outcome(error=0.04), missed])
     assert (total.named, total.median_error, total.inside) == (0.5, 0.04, 1.0)
     nothing = replace(missed, term="", verdict="none")
-    grade = SlopeOutcome("car", "drive", "grade", 0.97, 1.0, 0.02, True)
+    grade = SlopeOutcome("car", "drive", "grade", 0.97, 1.0, 0.02, True, (0.4, 0.07, 0.06))
     flat = replace(grade, correlation=0.2, is_counted=False)
 
     def verdicts(*terms: TermOutcome, slope: SlopeOutcome = grade) -> list[str]:
@@ -124,11 +144,14 @@ def test_scores_and_criteria_of_terms_and_slopes() -> None:
         assert as_dict(result)["removed_terms"] == [x.as_dict() for x in terms]
         return [x.verdict for x in criteria(result)]
 
-    assert verdicts(outcome(), nothing) == ["NONE"] * 3 + ["PASS"] * 4 + ["NONE"] * 2
+    assert verdicts(outcome(), nothing) == ["NONE"] * 3 + ["PASS"] * 5 + ["NONE"] * 2
     assert verdicts(missed, nothing)[3:5] == ["FAIL", "FAIL"]
     claimed = replace(nothing, false_claims=("formula",))
     assert verdicts(outcome(), claimed)[5] == "FAIL"
     assert verdicts(nothing, slope=replace(grade, correlation=0.9))[6] == "FAIL"
+    assert verdicts(nothing, slope=replace(grade, v_x_error=(0.4, 0.1, 0.06)))[7] == "FAIL"
+    # Where the attitude does not remove the error either, something else dominates it.
+    assert verdicts(nothing, slope=replace(grade, v_x_error=(0.4, 0.1, 0.1)))[7] == "NONE"
 
 
 def test_a_vehicle_without_file_is_listed(tmp_path: Path) -> None:

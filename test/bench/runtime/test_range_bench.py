@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -23,6 +24,7 @@ from adk_ros.bench.runtime.range_bench import (
 )
 from adk_ros.bench.runtime.range_figure import write_range_figure
 from adk_ros.cli.main import main
+from adk_ros.errors import DataError
 from adk_ros.model.training_range import TrainingRange
 from adk_ros.plant.scenario.random_routes import spins
 
@@ -49,6 +51,14 @@ def test_a_slalom_stays_on_the_road() -> None:
     record = slalom(160.0, 31, {"mu": 0.3})
     assert 3.6 * record.x[:, 0].max() > 150.0
     assert not spins(record.x[:, 1])
+
+
+def test_a_slalom_that_always_spins_is_no_drive(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(range_bench, "spins", lambda v_y: True)
+    driven = SimpleNamespace(x=np.zeros((2, 3)))
+    monkeypatch.setattr(range_bench, "simulate", lambda scenario, seed: driven)
+    with pytest.raises(DataError, match="spins in a slalom at 160 km/h"):
+        slalom(160.0, 31, {})
 
 
 def test_a_drive_is_measured_against_naive_predictors() -> None:
