@@ -21,6 +21,7 @@ from adk_ros.calibration.criteria import (
     MIN_GAP_PERIODS,
     MIN_GAP_S,
 )
+from adk_ros.calibration.grid import slowest_driving
 from adk_ros.calibration.streams import Stream
 from adk_ros.numerics.arrays import BoolArray, FloatArray
 from adk_ros.signals.moving_speed import MIN_SPEED
@@ -51,7 +52,7 @@ def frozen(stream: Stream, speed: FloatArray) -> list[Interval]:
     equal[0] = False
     for values in varying:
         equal[1:] &= np.diff(values) == 0.0
-    equal &= speed > MIN_SPEED
+    equal &= speed > slowest_driving(speed)
     p = float(equal.mean())
     if not 0.0 < p < 1.0:
         return []
@@ -80,8 +81,9 @@ def pose_jumps(
     Return (time in s, distance in m, angle in rad) of pose steps that the motion cannot explain.
 
     The step expected between two messages is that of the twist. Steps within `unusable` intervals,
-    and below `MIN_SPEED`, do not count: at walking pace a heading that follows the course turns
-    by itself.
+    and of a car that manoeuvres, do not count: at walking pace a heading that follows the course
+    turns by itself. The smallest jump is shorter for a small car, which drives more slowly:
+    lengths scale with the square of speeds (`numerics.similarity`).
     """
     at = odometry.at_s
     elapsed = np.diff(at)
@@ -103,16 +105,18 @@ def pose_jumps(
     )
     if not odometry.has("heading"):
         # Without a heading, only the length of the step is known.
-        step = np.hypot(np.diff(odometry["x"]), np.diff(odometry["y"]))
-        excess = np.abs(step - np.hypot(ahead, left))
+        moved = np.hypot(np.diff(odometry["x"]), np.diff(odometry["y"]))
+        excess = np.abs(moved - np.hypot(ahead, left))
     turn = np.diff(heading) - between("yaw_rate")
     turn = np.arctan2(np.sin(turn), np.cos(turn))
-    usual &= np.hypot(ahead, left) > MIN_SPEED * elapsed
+    step = np.hypot(ahead, left)
+    slowest = slowest_driving(step[usual] / elapsed[usual])
+    usual &= step > slowest * elapsed
     if not usual.any():
         return []
     far = float(np.median(excess[usual])) + JUMP_SIGMAS * _robust_sigma(excess[usual])
     jump = usual & (
-        (excess > max(JUMP_DISTANCE, far))
+        (excess > max(JUMP_DISTANCE * (slowest / MIN_SPEED) ** 2, far))
         | (np.abs(turn) > max(JUMP_ANGLE, JUMP_SIGMAS * _robust_sigma(turn[usual])))
     )
     return [

@@ -63,7 +63,8 @@ GUARD_S = 0.5
 """s to either side of a gap, jump or frozen stretch that are not used: the smoothing window."""
 
 JUMP_DISTANCE, JUMP_ANGLE = 0.5, math.radians(3.0)
-"""m and rad: smallest pose jump. Above the corrections of a working localisation; by choice."""
+"""m and rad: smallest pose jump. Above the corrections of a working localisation; by choice. The
+distance is that of a full-size car."""
 JUMP_SIGMAS = 10.0
 """Robust standard deviations of a pose step that a jump exceeds."""
 

@@ -1,0 +1,52 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Frozen readings and jumps of the pose of a 1:10 car, as of a full-size one."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from helpers.calibration import driven, existing
+
+from adk_ros.calibration.continuity import frozen, pose_jumps
+from adk_ros.calibration.streams import Stream
+
+SMALL = 0.1
+"""Scale of lengths; speeds and times scale with its root (dynamic similarity)."""
+
+
+def odometry(scale: float) -> Stream:
+    """Return the odometry of a drive of a car of this scale."""
+    full = existing(driven(), "odometry")
+    root = math.sqrt(scale)
+    factors = {"v_x": root, "v_y": root, "yaw_rate": 1.0 / root, "x": scale, "y": scale}
+    columns = {name: values * factors.get(name, 1.0) for name, values in full.columns.items()}
+    return Stream(full.name, full.at_s * root, columns)
+
+
+@pytest.mark.parametrize("scale", [1.0, SMALL])
+def test_a_jump_is_found_at_any_size(scale: float) -> None:
+    stream = odometry(scale)
+    assert pose_jumps(stream) == []
+    at = stream.at_s.size // 2
+    assert abs(stream["v_x"][at]) > 2.0 * math.sqrt(scale)
+    moved = stream["x"] + np.where(np.arange(stream.at_s.size) >= at, 2.0 * scale, 0.0)
+    ((time_s, distance, _),) = pose_jumps(stream.having(x=moved))
+    assert time_s == stream.at_s[at]
+    assert distance == pytest.approx(2.0 * scale, rel=0.1)
+
+
+@pytest.mark.parametrize("scale", [1.0, SMALL])
+def test_a_frozen_sensor_is_found_at_any_size(scale: float) -> None:
+    stream = odometry(scale)
+    speed = np.abs(stream["v_x"])
+    assert frozen(stream, speed) == []
+    at = stream.at_s.size // 2
+    held = {name: values.copy() for name, values in stream.columns.items()}
+    for values in held.values():
+        values[at : at + 200] = values[at]
+    ((begin, end),) = frozen(stream.having(**held), speed)
+    assert begin == stream.at_s[at]
+    assert end == stream.at_s[at + 199]
