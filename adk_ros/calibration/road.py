@@ -93,7 +93,7 @@ def recorded_drive(streams: Streams, unusable: Iterable[Interval]) -> RecordedDr
 
 
 def _grade(profile: RoadProfile, drive: RecordedDrive) -> Finding:
-    before, after = held_out_speed_error(drive, STANDING_SPEED)
+    before, after = held_out_speed_error(drive, profile.grade_variances, STANDING_SPEED)
     evidence = (
         f"{_EVIDENCE}; the kinematic error of v_x after 1 s is {before:.2f} m/s, with the grade "
         f"by the data before and after {after:.2f} m/s; assumed: {'; '.join(profile.assumed)}"

@@ -15,8 +15,9 @@ import numpy as np
 
 from adk_ros.numerics.arrays import FloatArray, IntArray
 from adk_ros.numerics.constants import GRAVITY
-from adk_ros.road.profile import road_profile
+from adk_ros.road.profile import road_grade
 from adk_ros.road.recorded_drive import RecordedDrive, Steps, in_steps
+from adk_ros.road.smoother import Variances
 
 _EVERY_S = 0.5
 """s from one start to the next: about the correlation time of the errors."""
@@ -45,7 +46,7 @@ def speed_error(
 
 
 def held_out_speed_error(
-    drive: RecordedDrive, standing_speed: float, horizon_s: float = 1.0
+    drive: RecordedDrive, variances: Variances, standing_speed: float, horizon_s: float = 1.0
 ) -> tuple[float, float]:
     """
     Return the RMS error of v_x, m/s, after a horizon without and with the grade of the profile.
@@ -53,23 +54,28 @@ def held_out_speed_error(
     The profile comes from a_x and v_x. So every other horizon is left out of one profile, and the
     ones between out of another: each is predicted by the profile that has not seen it, from the
     road before and after. NaN without data.
+
+    :param variances: of the grade, `RoadProfile.grade_variances` of the whole drive.
     """
     steps = in_steps(drive, standing_speed)
     if steps is None:
         return float("nan"), float("nan")
     windows = _Windows.of(steps, horizon_s)
-    return _rms(np.concatenate([np.empty((2, 0)), *_held_out(drive, windows)], axis=1))
+    return _rms(np.concatenate([np.empty((2, 0)), *_held_out(drive, variances, windows)], axis=1))
 
 
-def _held_out(drive: RecordedDrive, windows: _Windows) -> Iterator[FloatArray]:
+def _held_out(
+    drive: RecordedDrive, variances: Variances, windows: _Windows
+) -> Iterator[FloatArray]:
     """Yield the errors (2, k) of each half of the horizons."""
     at, count = windows.steps.at_s, windows.count
     for first in (0, count):
         starts = np.arange(first, at.size - count, 2 * count)
         left_out = tuple(zip(at[starts].tolist(), at[starts + count].tolist(), strict=True))
-        profile = road_profile(replace(drive, unusable=(*drive.unusable, *left_out)))
-        if profile is not None:
-            yield windows.errors(starts, profile.at_s, profile.grade.value)
+        rest = replace(drive, unusable=(*drive.unusable, *left_out))
+        grade = road_grade(rest, variances)
+        if grade is not None:
+            yield windows.errors(starts, *grade)
 
 
 @dataclass(frozen=True)

@@ -103,7 +103,8 @@ class RoadProfile:
     `at_s`, `distance`, `place` (n,), s and m; `direction` (n,): +1 in the direction of the first
     pass, -1 against it; `x`, `y` (n,), m, None without a pose. `level_by`: what separates the
     level of the grade from the offset of the IMU, empty if nothing does. `assumed`: for the
-    person. `repeated`: share of the distance on road that was driven before.
+    person. `repeated`: share of the distance on road that was driven before. `grade_variances`:
+    of the noise and of the walk of the grade.
     """
 
     at_s: FloatArray
@@ -117,19 +118,24 @@ class RoadProfile:
     level_by: str
     assumed: tuple[str, ...]
     repeated: float
+    grade_variances: Variances
 
 
 def road_profile(drive: RecordedDrive) -> RoadProfile | None:
     """Return grade and bank along a drive; None if the car moves for less than `MIN_STEPS`."""
-    steps = in_steps(drive, STANDING_SPEED)
-    if steps is None or int(steps.used.sum()) < MIN_STEPS:
+    steps = _moving_steps(drive)
+    if steps is None:
         return None
     spacing = _spacing(steps)
-    by_direction = [_places(steps, spacing, both) for both in (True, False)]
-    grade = _slopes(_along(steps, drive.v_y is not None), by_direction[0], steps, spacing, True)
+    places = _places(steps, spacing, True)
+    along = _along(steps, drive.v_y is not None)
+    variances = _model(along, places, steps, spacing).fitted(START)
+    grade = _slopes(along, places, steps, spacing, variances, True)
     # A crowned road falls to the right in either direction: bank is shared in one alone.
-    bank = _slopes(_across(steps, drive.v_y is not None), by_direction[1], steps, spacing, False)
-    places = by_direction[0]
+    one_way = _places(steps, spacing, False)
+    across = _across(steps, drive.v_y is not None)
+    bank_variances = _model(across, one_way, steps, spacing).fitted(START)
+    bank = _slopes(across, one_way, steps, spacing, bank_variances, False)
     kept = steps.readings > 0
     return RoadProfile(
         steps.at_s[kept],
@@ -143,7 +149,29 @@ def road_profile(drive: RecordedDrive) -> RoadProfile | None:
         _level_by(places),
         _assumed(drive),
         places.repeated,
+        variances,
     )
+
+
+def road_grade(drive: RecordedDrive, variances: Variances) -> tuple[FloatArray, FloatArray] | None:
+    """
+    Return stamps and grade (n,), s and rad, with known variances; None as `road_profile`.
+
+    The search for the variances takes most of the time of a profile.
+    """
+    steps = _moving_steps(drive)
+    if steps is None:
+        return None
+    spacing = _spacing(steps)
+    along = _along(steps, drive.v_y is not None)
+    grade = _slopes(along, _places(steps, spacing, True), steps, spacing, variances, True)
+    kept = steps.readings > 0
+    return steps.at_s[kept], _profile(grade, kept).value
+
+
+def _moving_steps(drive: RecordedDrive) -> Steps | None:
+    steps = in_steps(drive, STANDING_SPEED)
+    return None if steps is None or int(steps.used.sum()) < MIN_STEPS else steps
 
 
 def _spacing(steps: Steps) -> float:
@@ -153,7 +181,7 @@ def _spacing(steps: Steps) -> float:
 
 
 def _places(steps: Steps, spacing: float, both_directions: bool) -> Places:
-    ahead = np.where(steps.v_x < 0.0, -1.0, 1.0)
+    ahead = _ahead(steps)
     if steps.x is None or steps.y is None or steps.heading is None:
         return along_the_way(steps.distance, ahead)
     moved = float(np.hypot(np.diff(steps.x), np.diff(steps.y)).sum())
@@ -227,18 +255,25 @@ def _axis(
     )
 
 
-def _slopes(axis: Axis, places: Places, steps: Steps, spacing: float, is_height: bool) -> Slopes:
-    ahead = np.where(steps.v_x < 0.0, -1.0, 1.0)
-    driven = np.gradient(steps.distance) * ahead
-    variances = SlopeModel(axis, places, driven, spacing).fitted(START)
-    shared = SlopeModel(axis, places, driven, spacing).information(variances)
-    once = along_the_way(steps.distance, ahead)
-    single = SlopeModel(axis, once, driven, spacing).information(variances)
+def _model(axis: Axis, places: Places, steps: Steps, spacing: float) -> SlopeModel:
+    return SlopeModel(axis, places, np.gradient(steps.distance) * _ahead(steps), spacing)
+
+
+def _ahead(steps: Steps) -> FloatArray:
+    return np.where(steps.v_x < 0.0, -1.0, 1.0)
+
+
+def _slopes(
+    axis: Axis, places: Places, steps: Steps, spacing: float, variances: Variances, is_height: bool
+) -> Slopes:
+    shared = _model(axis, places, steps, spacing).information(variances)
+    once = along_the_way(steps.distance, _ahead(steps))
+    single = _model(axis, once, steps, spacing).information(variances)
     # With a driver who slows down uphill, pitch of the body and slope are confounded. Only
     # different accelerations at the same place separate them.
     considered = axis.considered.copy()
     considered[_BODY] = shared[_BODY] < MIN_INFORMATION * single[_BODY]
-    model = SlopeModel(replace(axis, considered=considered), places, driven, spacing)
+    model = _model(replace(axis, considered=considered), places, steps, spacing)
     # The car returns to a place within the radius, on a slope of up to 10 %.
     height_sigma = 0.1 * places.radius if is_height and places.returns else None
     return model.slopes(variances, height_sigma)

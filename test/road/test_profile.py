@@ -12,7 +12,7 @@ from helpers.road import Hilly, circle, flat, hills, hilly
 
 from adk_ros.numerics.arrays import FloatArray
 from adk_ros.road.open_loop import held_out_speed_error, speed_error
-from adk_ros.road.profile import STANDING_SPEED, RoadProfile, road_profile
+from adk_ros.road.profile import STANDING_SPEED, START, RoadProfile, road_profile
 
 
 def profile_of(hilly: Hilly) -> RoadProfile:
@@ -54,7 +54,8 @@ def test_hills_are_found_with_their_interval(seed: int) -> None:
 
 def test_the_error_of_speed_falls_by_four_fifths() -> None:
     drive = hilly(seed=3)
-    before, after = held_out_speed_error(drive.drive, STANDING_SPEED)
+    variances = profile_of(drive).grade_variances
+    before, after = held_out_speed_error(drive.drive, variances, STANDING_SPEED)
     assert after < 0.2 * before
     # By the true grade, which explains no noise.
     _, least = speed_error(drive.drive, drive.at_s, drive.grade, STANDING_SPEED)
@@ -66,9 +67,9 @@ def test_a_grade_that_changes_too_fast_is_not_explained_by_itself() -> None:
     drive = hilly(flat, seed=4)
     rng = np.random.default_rng(4)
     noisy = replace(drive.drive, a_x=drive.drive.a_x + np.repeat(rng.normal(0.0, 0.5, 120), 100))
-    before, after = held_out_speed_error(noisy, STANDING_SPEED)
     profile = road_profile(noisy)
     assert profile is not None
+    before, after = held_out_speed_error(noisy, profile.grade_variances, STANDING_SPEED)
     _, by_itself = speed_error(noisy, profile.at_s, profile.grade.value, STANDING_SPEED)
     assert by_itself < 0.5 * before
     assert after > 0.8 * before
@@ -76,7 +77,7 @@ def test_a_grade_that_changes_too_fast_is_not_explained_by_itself() -> None:
 
 def test_too_short_a_drive_has_no_error() -> None:
     short = replace(hilly(seed=3).drive, imu_at_s=np.zeros(1))
-    assert np.isnan(held_out_speed_error(short, STANDING_SPEED)).all()
+    assert np.isnan(held_out_speed_error(short, START, STANDING_SPEED)).all()
 
 
 @pytest.mark.parametrize("body", [0.0, 0.04, 0.08])

@@ -72,7 +72,7 @@ def slope_outcomes(vehicle: str, recording: str, content: BagContent) -> list[Sl
         return []
     drive = _checked_drive(withheld)
     angles = -np.interp(profile.at_s, attitude.at_s, attitude["pitch"])
-    none, found = held_out_speed_error(drive, STANDING_SPEED)
+    none, found = held_out_speed_error(drive, profile.grade_variances, STANDING_SPEED)
     _, used = speed_error(drive, profile.at_s, angles, STANDING_SPEED)
     return [
         SlopeOutcome(
