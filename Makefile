@@ -51,6 +51,9 @@ except ImportError as error:
 endef
 export CHECK
 
+# Without it each worker and each child of the tests compiles all sources anew.
+unexport PYTHONDONTWRITEBYTECODE
+
 .DEFAULT_GOAL := help
 .PHONY: help install fleet demo test test-slow test-all fuzz lint docs bench peers colcon clean distclean
 

@@ -6,10 +6,13 @@ What every test runs under, set before anything reads it.
 The children that tests start inherit all of it.
 """
 
+import gc
 import os
 import tempfile
 from collections import Counter
+from collections.abc import Iterator
 from functools import partial
+from pathlib import Path
 
 import pytest
 from helpers import shared
@@ -58,6 +61,28 @@ def unshrunk(monkeypatch: pytest.MonkeyPatch) -> None:
     )
 
 
+@pytest.fixture
+def unrendered(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Draw figures but do not render them, where a test is about texts and files."""
+    from matplotlib.figure import Figure
+    from PIL import Image
+
+    def save(_: Figure, path: Path, **options: object) -> None:
+        Image.new("RGB", (1, 1)).save(path)
+
+    monkeypatch.setattr(Figure, "savefig", save)
+
+
+@pytest.fixture(scope="module")
+def one_candidate() -> Iterator[None]:
+    """Train with one candidate for each hyperparameter, where a test is not about selecting."""
+    from helpers.train import leave_one_candidate
+
+    with pytest.MonkeyPatch.context() as patch:
+        leave_one_candidate(patch)
+        yield
+
+
 def pytest_configure(config: pytest.Config) -> None:
     """Create the shared folder, and keep the order of `pytest_collection_modifyitems`."""
     if not IS_WORKER:
@@ -71,6 +96,16 @@ def pytest_unconfigure() -> None:
     """Remove the shared folder; the workers have ended."""
     if not IS_WORKER:
         shared.remove()
+
+
+# Collection makes a million objects that all stay: looking for rubbish among them takes 6 s.
+gc.disable()
+
+
+def pytest_collection_finish() -> None:
+    """Collect rubbish from now on, but not among what the collection has made."""
+    gc.freeze()
+    gc.enable()
 
 
 @pytest.hookimpl(trylast=True)

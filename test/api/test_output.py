@@ -19,6 +19,8 @@ from adk_ros.api.training import check_training
 from adk_ros.cli.demonstration import MARKER, _claim_folder
 from adk_ros.cli.main import main
 
+pytestmark = pytest.mark.usefixtures("unrendered")
+
 
 def replay(out: Path, force: bool) -> object:
     return adk_ros.replay(bag("town", 10.0), small().path, out=out, force=force)

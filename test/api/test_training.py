@@ -13,6 +13,8 @@ from helpers.train import bag
 import adk_ros
 from adk_ros.api.training import default_settings
 
+pytestmark = pytest.mark.usefixtures("one_candidate")
+
 QUICK = adk_ros.TrainSettings(steps=20, hidden=8, history=2, validate_every=2)
 
 

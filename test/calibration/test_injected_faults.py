@@ -28,13 +28,21 @@ from helpers.calibration import (
     without,
 )
 
+import adk_ros.calibration.check as check_module
 from adk_ros.calibration.check import CheckResult
 from adk_ros.calibration.finding import Finding, Verdict, found
 from adk_ros.calibration.known_errors import with_known_errors, without_known_errors
+from adk_ros.calibration.road import check_road
 from adk_ros.calibration.streams import Streams
 from adk_ros.signals.decode import SensorConfig
 
 DEGREES = 180.0 / math.pi
+
+
+@pytest.fixture(autouse=True)
+def no_road(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Leave out grade and bank, which take most of the time: test_road.py checks them."""
+    monkeypatch.setattr(check_module, "check_road", lambda *_: ([], None))
 
 
 def findings(fault: Fault) -> dict[str, Finding]:
@@ -80,6 +88,22 @@ def test_a_fault_is_the_only_finding(fault: Fault, name: str, said: str) -> None
     assert [key for key in found if key != "pedal_map"] == [name]
     assert said in found[name].text
     assert found[name].evidence
+
+
+@pytest.mark.parametrize(
+    "fault",
+    [
+        scaled("imu", -1.0, "a_x"),
+        scaled("odometry", 3.6, "v_x", "v_y"),
+        mounted(0.0, 3.0, 0.0),
+        late("odometry", 0.05),
+    ],
+)
+def test_a_fault_is_no_slope(fault: Fault, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(check_module, "check_road", check_road)
+    of_road = [x for x in result(fault).findings if x.name.startswith("road_")]
+    assert [x.name for x in of_road] == ["road_grade", "road_bank"]
+    assert not [x for x in of_road if x.verdict is Verdict.FINDING]
 
 
 @pytest.mark.parametrize(

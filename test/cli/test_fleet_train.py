@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers.fleet_results import filled
-from helpers.train import bag, refused
+from helpers.train import bag, leave_one_candidate, refused
 
 from adk_ros.api.fleet import training_data
 from adk_ros.api.fleet.fleet_run import FleetOptions
@@ -26,7 +26,6 @@ from adk_ros.api.fleet.training_data import (
 )
 from adk_ros.cli.main import main
 from adk_ros.fleet.dataset import FleetDataset
-from adk_ros.train import hyperparameters
 from adk_ros.train.dataset import TEST, TRAIN, VALIDATION
 
 CARS = ("a", "b", "c", "d")
@@ -152,8 +151,7 @@ def test_dry_run(drives, out, tmp_path, capsys) -> None:
 
 
 def test_a_model_is_scored_on_an_unseen_vehicle(drives, out, tmp_path, monkeypatch) -> None:
-    for table in ("_RIDGES", "_SLOW", "_OBSERVERS", "_FAST"):
-        monkeypatch.setattr(hyperparameters, table, getattr(hyperparameters, table)[-1:])
+    leave_one_candidate(monkeypatch)
     from adk_ros.api.training import default_settings
 
     training = FleetTrainingOptions(validation=("a",), test=("b",))

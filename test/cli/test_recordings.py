@@ -143,6 +143,7 @@ def test_duplicates_and_late_messages_are_counted(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("one_candidate")
 def test_warnings_of_several_bags_name_their_bag(capsys, tmp_path: Path) -> None:
     broken = rewritten(tmp_path / "broken", some_broken)
     arguments = ["train", str(bag("handling", 60.0)), str(broken), "--out", str(tmp_path / "m")]

@@ -15,6 +15,8 @@ from adk_ros.cli.main import main
 from adk_ros.model import artefact
 from adk_ros.train import network_fit
 
+pytestmark = pytest.mark.usefixtures("one_candidate")
+
 QUICK = ["--steps", "20", "--hidden", "8", "--history", "2", "--no-report"]
 
 

@@ -22,6 +22,8 @@ from adk_ros.mismatch.inference.result import MismatchResult
 from adk_ros.mismatch.report.result_files import as_dict, write_report
 from adk_ros.mismatch.report.summary import sentence
 
+pytestmark = pytest.mark.usefixtures("unrendered")
+
 DRAG = 1.0
 
 

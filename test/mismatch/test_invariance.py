@@ -98,7 +98,6 @@ def test_half_the_odometry_rate(name: str) -> None:
     assert same(analysed(replace(case, recording=slower(case.recording))), name)
 
 
-@pytest.mark.parametrize("name", INJECTED)
-@pytest.mark.parametrize("noise", [0.5, 2.0])
+@pytest.mark.parametrize(("name", "noise"), zip(INJECTED, (0.5, 2.0, 0.5, 2.0), strict=True))
 def test_other_noise(name: str, noise: float) -> None:
     assert same(analysed(made(name, noise=noise)), name)

@@ -31,8 +31,12 @@ pytestmark = pytest.mark.slow(seconds=45)
 SECONDS = (100.0, 150.0, 30.0)
 
 
-@cache
 def made(name: str, strength: float = 1.0, plant: str = "seven_dof") -> GeneratedCase:
+    return _made(name, strength, plant)
+
+
+@cache
+def _made(name: str, strength: float, plant: str) -> GeneratedCase:
     if name in UNLISTED:
         injected = InjectedMismatch(unlisted={name: strength * UNLISTED[name]})
     else:
@@ -40,8 +44,12 @@ def made(name: str, strength: float = 1.0, plant: str = "seven_dof") -> Generate
     return make_case(name or "clean", injected, 21, plant, seconds=SECONDS)
 
 
-@cache
 def result_of(name: str, strength: float = 1.0, plant: str = "seven_dof") -> MismatchResult:
+    return _result_of(name, strength, plant)
+
+
+@cache
+def _result_of(name: str, strength: float, plant: str) -> MismatchResult:
     case = made(name, strength, plant)
     return identify_mismatch(case.simulation, case.recording, case.nominal)
 

@@ -9,7 +9,8 @@ data, what it has to say comes back as a value or as an exception.
 
 import ast
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
@@ -70,13 +71,18 @@ CLOCKS = {
 }
 
 
+READ = (ast.Import, ast.ImportFrom, ast.Call, ast.Name, ast.Attribute, ast.ClassDef)
+"""Kinds of nodes that the rules look at."""
+
+
 class Module(NamedTuple):
-    """A source file: its path below adk_ros, its dotted name, its layer, its syntax tree."""
+    """A source file: path below adk_ros, dotted name, layer, nodes of `READ`, imported names."""
 
     path: str
     name: str
     layer: str
-    tree: ast.Module
+    nodes: tuple[ast.AST, ...]
+    imports: tuple[str, ...]
 
 
 def parse(path: Path, package: Path) -> Module:
@@ -84,27 +90,32 @@ def parse(path: Path, package: Path) -> Module:
     parts = relative.with_suffix("").parts
     name = ".".join(("adk_ros", *(part for part in parts if part != "__init__")))
     layer = "" if parts == ("__init__",) else parts[0]
-    return Module(relative.as_posix(), name, layer, ast.parse(path.read_text(), str(path)))
+    tree = ast.parse(path.read_text(), str(path))
+    nodes = tuple(node for node in ast.walk(tree) if isinstance(node, READ))
+    is_package = path.name == "__init__.py"
+    return Module(relative.as_posix(), name, layer, nodes, tuple(imports(name, is_package, nodes)))
 
 
-def modules_of(package: Path) -> list[Module]:
+@cache
+def modules() -> list[Module]:
+    package = ROOT / "adk_ros"
     return [parse(path, package) for path in sorted(package.rglob("*.py"))]
 
 
-MODULES = modules_of(ROOT / "adk_ros")
-KNOWN = {module.name: module for module in MODULES}
+@cache
+def known_modules() -> dict[str, Module]:
+    return {module.name: module for module in modules()}
 
 
-def imports(module: Module) -> Iterator[str]:
-    """Yield dotted names that `module` imports, wherever in the file; `from a import b` as a.b."""
-    is_package = module.path.endswith("__init__.py")
-    for node in ast.walk(module.tree):
+def imports(name: str, is_package: bool, nodes: Iterable[ast.AST]) -> Iterator[str]:
+    """Yield dotted names that a module imports, wherever in the file; `from a import b` as a.b."""
+    for node in nodes:
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
             base = node.module or ""
             if node.level:
-                parts = module.name.split(".")
+                parts = name.split(".")
                 parts = parts[: len(parts) - node.level + (1 if is_package else 0)]
                 base = ".".join([*parts, base] if base else parts)
             yield from (f"{base}.{alias.name}" for alias in node.names)
@@ -139,7 +150,7 @@ def internal_imports(module: Module, known: Mapping[str, Module]) -> set[str]:
     names = {
         # What is not there yet counts by its name: a fault must not hide behind a typing error.
         resolved(name, known) if resolved(name, known) not in {"", "adk_ros"} else name
-        for name in imports(module)
+        for name in module.imports
         if name == "adk_ros" or name.startswith("adk_ros.")
     }
     return names - {module.name}
@@ -207,7 +218,7 @@ def graphs(known: Mapping[str, Module]) -> tuple[dict[str, set[str]], dict[str, 
 
 def external_faults(module: Module) -> list[str]:
     faults = []
-    for name in imports(module):
+    for name in module.imports:
         top = name.split(".")[0]
         wrong = (
             (is_ros(name) and module.layer != "ros")
@@ -241,10 +252,10 @@ def external_faults(module: Module) -> list[str]:
 def conduct_faults(module: Module) -> list[str]:
     """Clocks, logs, output and exits: none of them in the core."""
     faults = []
-    for name in imports(module):
+    for name in module.imports:
         if name.split(".")[0] in {"logging", "time", "atexit", "signal"} or name in EXITS | OUTPUT:
             faults.append(f"{module.path} imports {name}")
-    for node in ast.walk(module.tree):
+    for node in module.nodes:
         line = getattr(node, "lineno", 0)
         if isinstance(node, ast.Name | ast.Attribute):
             name = dotted(node)
@@ -257,10 +268,10 @@ def unpickling_faults(module: Module) -> list[str]:
     """Calls that would run a stranger's code to read data."""
     faults = []
     safe_loaders = {"yaml.SafeLoader", "yaml.CSafeLoader"}
-    for node in ast.walk(module.tree):
+    for node in module.nodes:
         if isinstance(node, ast.ClassDef) and {dotted(base) for base in node.bases} & safe_loaders:
             safe_loaders.add(node.name)
-    for node in ast.walk(module.tree):
+    for node in module.nodes:
         if not isinstance(node, ast.Call):
             continue
         options = {keyword.arg: keyword.value for keyword in node.keywords}
@@ -282,18 +293,21 @@ def unpickling_faults(module: Module) -> list[str]:
 
 
 def test_the_sources_are_found() -> None:
-    layers = {module.layer for module in MODULES}
+    layers = {module.layer for module in modules()}
     assert {*ORDER[""]} - {"api"} <= layers
 
 
-@pytest.mark.parametrize("module", MODULES, ids=lambda module: module.path)
-def test_imports_run_downhill(module: Module) -> None:
-    assert internal_faults(module, KNOWN) + external_faults(module) == []
+def test_imports_run_downhill() -> None:
+    known = known_modules()
+    assert not [
+        fault for module in modules()
+        for fault in (*internal_faults(module, known), *external_faults(module))
+    ]  # fmt: skip
 
 
 def test_no_import_cycle_between_files_or_folders() -> None:
-    files, folders = graphs(KNOWN)
-    assert len(files) == len(MODULES)
+    files, folders = graphs(known_modules())
+    assert len(files) == len(modules())
     assert cycle(files) == set()
     assert cycle(folders) == set()
 
@@ -303,16 +317,13 @@ def test_cycles_are_seen() -> None:
     assert cycle({"a": {"b"}, "b": {"c"}, "c": set()}) == set()
 
 
-@pytest.mark.parametrize(
-    "module", [m for m in MODULES if m.layer in CORE], ids=lambda module: module.path
-)
-def test_the_core_neither_logs_nor_waits_nor_exits(module: Module) -> None:
-    assert conduct_faults(module) == []
+def test_the_core_neither_logs_nor_waits_nor_exits() -> None:
+    core = [module for module in modules() if module.layer in CORE]
+    assert not [fault for module in core for fault in conduct_faults(module)]
 
 
-@pytest.mark.parametrize("module", MODULES, ids=lambda module: module.path)
-def test_nothing_is_unpickled(module: Module) -> None:
-    assert unpickling_faults(module) == []
+def test_nothing_is_unpickled() -> None:
+    assert not [fault for module in modules() for fault in unpickling_faults(module)]
 
 
 @pytest.mark.parametrize(
@@ -364,7 +375,11 @@ def test_faults_are_seen(tmp_path: Path, path: str, source: str, fault: str) -> 
     file.parent.mkdir(parents=True, exist_ok=True)
     file.write_text(source)
     module = parse(file, tmp_path)
-    found = internal_faults(module, KNOWN) + external_faults(module) + unpickling_faults(module)
+    found = (
+        internal_faults(module, known_modules())
+        + external_faults(module)
+        + unpickling_faults(module)
+    )
     if module.layer in CORE:
         found += conduct_faults(module)
     assert any(fault in line for line in found), found

@@ -321,13 +321,16 @@ def test_faults_and_late_simulation_time_over_real_topics(model: Path) -> None:
     assert (code, spent_s < 1.0) == (0, True)
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize(
+    ("number", "delays_s"), [(signal.SIGINT, (0.7, 3.0)), (signal.SIGTERM, (1.4, 6.0))]
+)
 def test_signal_during_start_up(
-    model: Path, number: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+    model: Path, number: int, delays_s: tuple[float, float], tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
     """While it imports, and while it compiles all kernels; three signals are as good as one."""
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "empty"))
-    for delay_s in (0.7, 1.4, 3.0, 6.0):
+    for delay_s in delays_s:
         node = NodeProcess(model=model)
         time.sleep(delay_s)
         for _ in range(2):

@@ -59,8 +59,9 @@ def start_watch(folder: Path, stderr: int) -> subprocess.Popen[bytes]:
     return subprocess.Popen([sys.executable, "-m", *command], stderr=stderr)
 
 
-@pytest.mark.parametrize("start", [start_node, start_watch])
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+@pytest.mark.parametrize(
+    ("start", "number"), [(start_node, signal.SIGTERM), (start_watch, signal.SIGINT)]
+)
 def test_a_full_pipe_stops_nothing(
     tmp_path: Path,
     full_pipe: int,

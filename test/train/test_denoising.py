@@ -62,6 +62,7 @@ def test_no_filtering_when_quadratic_features_fail(noisy: Record) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("one_candidate")
 def test_interrupted_training_resumes_in_either_stage(noisy: Record, tmp_path: Path) -> None:
     """The first training's checkpoint stays until all is done, and then is gone."""
     settings = replace(SMALL, steps=20, validate_every=5)

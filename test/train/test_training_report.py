@@ -153,6 +153,7 @@ def test_names_are_escaped(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("one_candidate")
 def test_a_report_without_scores_says_so(tmp_path: Path) -> None:
     """All held-out samples are flagged as faulty."""
     of = record("handling", 90.0)

@@ -21,7 +21,7 @@ from adk_ros.train import network_fit
 from adk_ros.train.network_fit import Step
 from adk_ros.train.training_run import run_training
 
-pytestmark = pytest.mark.slow(seconds=50)
+pytestmark = [pytest.mark.slow(seconds=30), pytest.mark.usefixtures("one_candidate")]
 
 SHORT = replace(SMALL, steps=20, batch=32, validate_every=10)
 

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -157,11 +158,15 @@ def test_a_vehicle_file_of_another_mass_is_refused(factor: float) -> None:
     assert float(radius) * factor == pytest.approx(nominal.wheel_radius, rel=0.02)
 
 
+@cache
+def sample() -> SensorLog:
+    return read_sensor_log(SAMPLE)
+
+
 @pytest.mark.parametrize("factor", [0.5, 0.8, 0.9, 1.0, 1.1, 1.2, 1.5, 2.0])
 def test_the_sample_recording_knows_its_mass(factor: float) -> None:
     """Its part of low power explains little of the acceleration, the whole explains it well."""
-    log = read_sensor_log(SAMPLE)
-    nominal = load_nominal_vehicle("imdv")
+    log, nominal = sample(), load_nominal_vehicle("imdv")
     other = nominal.model_copy(update={"mass": factor * nominal.mass})
     if factor == 1.0:
         check_vehicle(other, log)

@@ -29,6 +29,8 @@ from adk_ros.mismatch.report.report_page import write_page
 from adk_ros.mismatch.report.result_files import as_dict, where_text
 from adk_ros.mismatch.surrogate.activation import ROUTE_SPACING_M
 
+pytestmark = pytest.mark.usefixtures("unrendered")
+
 SPANS = (
     RecordingSpan("monday", 0.0, 60.0, 0, 600.0),
     RecordingSpan("tuesday", 60.0, 120.0, 1, 900.0),

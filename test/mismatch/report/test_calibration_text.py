@@ -19,6 +19,8 @@ from adk_ros.mismatch.report.result_files import as_dict, write_report
 from adk_ros.mismatch.report.summary import sentence, verdict_text
 from adk_ros.signals.decode import SensorConfig
 
+pytestmark = pytest.mark.usefixtures("unrendered")
+
 
 def gyro(**changes: object) -> IdentifiedEffect:
     return identified("gyro_scale", 1.02, 1.018, 1.022, **changes)

@@ -30,6 +30,8 @@ from adk_ros.mismatch.report.tolerance_bands import (
     understeer_half_width,
 )
 
+pytestmark = pytest.mark.usefixtures("unrendered")
+
 NAN = float("nan")
 
 

@@ -119,6 +119,7 @@ def test_no_mismatch_shows_no_evidence_and_no_alternatives(folders: dict[str, Pa
     assert "Alternatives" not in text
 
 
+@pytest.mark.usefixtures("unrendered")
 def test_an_underfitting_surrogate_makes_the_result_inconclusive(tmp_path: Path) -> None:
     base = MADE["none"]()
     off = replace(base, surrogate_error=base.surrogate_error | {"v_x": 0.1})
@@ -183,6 +184,7 @@ def test_terms_are_defined_once(folders: dict[str, Path]) -> None:
         assert text.count(definition) == 1
 
 
+@pytest.mark.usefixtures("unrendered")
 def test_texts_are_escaped(tmp_path: Path) -> None:
     base = odd()
     assert base.unexplained is not None
@@ -203,6 +205,7 @@ def test_a_recording_without_laps_has_all_figures(tmp_path: Path) -> None:
     assert len(Page(write_page(alone, tmp_path).read_text()).images) == 5
 
 
+@pytest.mark.usefixtures("unrendered")
 def test_a_report_replaces_an_earlier_one_and_nothing_else(tmp_path: Path) -> None:
     out = tmp_path / "report"
     write_report(drag(), out)
@@ -220,6 +223,7 @@ def test_a_report_replaces_an_earlier_one_and_nothing_else(tmp_path: Path) -> No
 
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt, RuntimeError])
+@pytest.mark.usefixtures("unrendered")
 def test_an_interruption_leaves_no_partial_report(
     error: type[BaseException], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -239,6 +243,7 @@ def test_an_interruption_leaves_no_partial_report(
     assert [path.name for path in old.iterdir()] == ["report.html"]
 
 
+@pytest.mark.usefixtures("unrendered")
 def test_an_unwritable_folder_is_refused_in_one_line(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
