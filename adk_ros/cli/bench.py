@@ -52,7 +52,8 @@ def latency(
     """
     Time one tick, back to back and after pauses, compared with padasip's RLS for 15 outputs.
 
-    Also 1000 rollouts at once, as for a planner, compared with a loop over single rollouts.
+    Also 1000 rollouts at once, as for a planner, compared with a loop over single rollouts. Prints
+    PASS or FAIL for these.
 
     Example: adk bench latency
     """
@@ -78,6 +79,8 @@ def latency(
 
 
 def _print_rollouts(times: dict[str, Any]) -> None:
+    from adk_ros.bench.runtime.rollout_latency import MAX_MS
+
     console.output.print(f"{times['candidates']} rollouts of {times['steps']} steps:")
     for title, of in (("back to back", times), ("after pauses", times["after_pause"])):
         console.output.print(
@@ -85,6 +88,8 @@ def _print_rollouts(times: dict[str, Any]) -> None:
             f"in a loop p50 {of['loop']['p50_ms']:6.2f} ms   loop / at once {of['ratio']:5.2f}   "
             f"gradient of one p50 {of['gradient']['p50_ms']:5.2f} ms"
         )
+    verdict = "PASS" if times["is_fast"] else "FAIL"
+    console.output.print(f"  {verdict}  at once, back to back: at most {MAX_MS:g} ms")
 
 
 def _print_comparison(title: str, times: dict[str, Any]) -> None:

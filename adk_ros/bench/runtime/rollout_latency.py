@@ -20,6 +20,8 @@ from adk_ros.numerics.arrays import FloatArray
 CANDIDATES, STEPS = 1000, 80
 """A common size of sampling planners: 1000 candidates of 2 s."""
 PAUSE_S = 25e-3
+MAX_MS = 12.0
+"""ms that all candidates may take at once (p50): half of a planner's cycle of 25 ms."""
 
 
 def rollout_times(predictor: Predictor, repetitions: int) -> dict[str, Any]:
@@ -28,7 +30,8 @@ def rollout_times(predictor: Predictor, repetitions: int) -> dict[str, Any]:
 
     `many`: `roll_out_many` of all candidates; `loop`: a `rollout` of each; `gradient`:
     `roll_out_gradient` of one. `ratio`: p50 of the loop over that of many. `after_pause`: the
-    three after pauses of 25 ms. `predictor` has a state to predict from.
+    three after pauses of 25 ms; "is_fast": whether `many` takes at most `MAX_MS` back to back.
+    `predictor` has a state to predict from.
     """
     scaling = predictor.model.scaling
     noise = np.random.default_rng(0).normal(size=(CANDIDATES, STEPS, 2))
@@ -51,6 +54,7 @@ def rollout_times(predictor: Predictor, repetitions: int) -> dict[str, Any]:
         "steps": STEPS,
         **hot,
         "after_pause": _times(calls, repetitions, PAUSE_S),
+        "is_fast": hot["many"]["p50_ms"] <= MAX_MS,
     }
 
 

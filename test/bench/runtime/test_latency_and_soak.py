@@ -16,6 +16,7 @@ import pytest
 from helpers.train import lines, small
 
 from adk_ros.bench.runtime import latency, soak, synthetic_feed
+from adk_ros.bench.runtime.rollout_latency import MAX_MS
 from adk_ros.bench.runtime.synthetic_feed import (
     bench_model,
     endless,
@@ -92,6 +93,7 @@ def test_rollouts_at_once_are_faster_than_in_a_loop(timed: dict[str, Any]) -> No
             assert 0.0 < times[name]["min_ms"] <= times[name]["p50_ms"] <= times[name]["p99_ms"]
         assert times["ratio"] == times["loop"]["p50_ms"] / times["many"]["p50_ms"]
     assert rollouts["loop"]["min_ms"] > 1.5 * rollouts["many"]["min_ms"]
+    assert rollouts["is_fast"] == (rollouts["many"]["p50_ms"] <= MAX_MS)
 
 
 def test_stage_times_add_up_to_the_tick(timed: dict[str, Any]) -> None:
@@ -274,7 +276,11 @@ def test_the_command_line(capsys, monkeypatch: pytest.MonkeyPatch, timed: dict[s
     assert main(["bench", "latency", "--model", "any"]) == 0
     out = capsys.readouterr().out
     words = ("back to back, 1000 ticks", "after pauses of 25 ms, 20 ticks", "whole tick")
-    rollouts = ("1000 rollouts of 80 steps", "loop / at once")
+    rollouts = (
+        "1000 rollouts of 80 steps",
+        "loop / at once",
+        "at once, back to back: at most 12 ms",
+    )
     for word in (*words, *rollouts, "padasip RLS", "tick / padasip", "% of the tick", *STAGES):
         assert word in out
     monkeypatch.setattr(soak, "bench_soak", lambda *_: soaked)
