@@ -4,14 +4,17 @@
 Print what the fleet inference finds in a small synthetic fleet, next to what was injected.
 
     python scripts/fleet_recovery.py [--seed 3] [--recordings 48] [--cars 8] [--seconds 150]
+        [--vehicle light_truck] [--nothing]
 
-The drives are simulated in memory and analysed in this process.
+The drives are simulated in memory and analysed in this process. With --nothing no effect is
+injected: whatever is claimed is false.
 """
 
 from __future__ import annotations
 
 import argparse
 from collections.abc import Collection
+from dataclasses import replace
 
 from adk_ros.errors import AdkError
 from adk_ros.fleet.demo.fleet_drives import FleetDrives
@@ -33,10 +36,14 @@ def main() -> None:
     parser.add_argument("--recordings", type=int, default=48)
     parser.add_argument("--cars", type=int, default=8)
     parser.add_argument("--seconds", type=float, default=150.0)
+    parser.add_argument("--vehicle", default="imdv", help="packaged vehicle of the cars")
+    parser.add_argument("--nothing", action="store_true", help="inject no effect")
     given = parser.parse_args()
     durations = (given.seconds, given.seconds)
     size = FleetSize(given.cars, given.recordings, durations, 300.0, 3, 3, 0)
-    plan = plan_fleet(given.seed, size)
+    plan = replace(plan_fleet(given.seed, size), vehicle=given.vehicle)
+    if given.nothing:
+        plan = plan.without_effects()
     drives = FleetDrives(plan)
     logs = {planned.name: drives.drive(planned) for planned in plan.drives}
     typical = logs[plan.drives[0].name]
@@ -59,6 +66,12 @@ def main() -> None:
         return rows, failed
 
     found = analyse_fleet(evidence_at, simulation, lambda rows: tags)
+    if given.nothing:
+        result = found.result
+        claims = [f"{claim.effect} ({claim.level})" for claim in result.claims]
+        claims += [f"{place.effect} (at a place)" for place in result.places]
+        print(f"{len(claims)} false claims{': ' if claims else ''}{', '.join(claims)}")
+        return
     comparison = compare_with_truth(found.result, truth(drives))
     for claim in found.result.claims:
         if claim.ties:

@@ -27,7 +27,6 @@ _BIAS = (0.003, 0.003, 1e-4)
 """Deviation of a car's IMU bias: a_x, a_y (m/s²), yaw rate (rad/s); half the analysis' prior."""
 _MAP_SPACING_M = 5000.0
 """Distance between the routes in the map frame, m: more than a route's size."""
-_VEHICLE = "imdv"
 _LATERAL = 4.2
 """Lateral acceleration of the drivers on the routes, m/s²."""
 _LATERAL_SIMULATED = 4.6
@@ -57,7 +56,7 @@ class FleetDrives:
 
     def __init__(self, plan: FleetPlan) -> None:
         self.plan = plan
-        self.vehicle = load_vehicle(_VEHICLE)
+        self.vehicle = load_vehicle(plan.vehicle)
         rng = np.random.default_rng([plan.seed, 182])
         styles = ("track", "town")
         self._styles = [ROAD_STYLES[styles[i % 2]] for i in range(plan.size.routes + 1)]

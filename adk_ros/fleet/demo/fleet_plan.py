@@ -10,7 +10,7 @@ frame. Sizes are shares (strengths) of those at which the benchmark injects effe
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -106,13 +106,23 @@ class PlannedDrive:
 
 @dataclass(frozen=True)
 class FleetPlan:
-    """A fleet: its size, what is injected, and its recordings in the order of their days."""
+    """
+    A fleet: its size, what is injected, and its recordings in the order of their days.
+
+    `vehicle`: packaged vehicle of which the cars are built.
+    """
 
     seed: int
     size: FleetSize
     terms: tuple[InjectedTerm, ...]
     place: PlacedEffect
     drives: tuple[PlannedDrive, ...]
+    vehicle: str = "imdv"
+
+    def without_effects(self) -> FleetPlan:
+        """Return the same fleet with nothing injected: cars differ by their tolerances alone."""
+        neutral = scaled(self.place.effect, self.place.parameters, 0.0)
+        return replace(self, terms=(), place=replace(self.place, parameters=neutral))
 
     def effects_of(self, drive: PlannedDrive) -> dict[str, dict[str, float]]:
         """Return the effects that act in a drive, name -> parameters."""

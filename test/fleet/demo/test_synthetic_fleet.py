@@ -19,6 +19,7 @@ from adk_ros.fleet.demo.fleet_plan import FULL_SIZE, QUICK_SIZE, FleetSize, plan
 from adk_ros.fleet.inference.levels import CAR, CONDITION, RAMP, SHARED, Level
 from adk_ros.fleet.inference.numerical_fleet import FleetPlan as NumericalPlan
 from adk_ros.fleet.inference.numerical_fleet import draw_fleet
+from adk_ros.plant.vehicle.vehicle_parameters import load_vehicle
 
 SMALL = FleetSize(3, 6, (20.0, 24.0), 30.0, 2, 1, 5)
 
@@ -34,6 +35,23 @@ def test_a_full_fleet_is_that_of_its_description() -> None:
     assert plan_fleet(0) == plan
     assert plan_fleet(1) != plan
     assert FULL_SIZE.routes > plan.place.route
+
+
+def test_a_fleet_without_effects_has_the_same_cars_and_roads() -> None:
+    plan = plan_fleet(0)
+    empty = plan.without_effects()
+    assert not any(empty.effects_of(drive) for drive in empty.drives)
+    assert empty.drives == plan.drives
+    assert set(empty.place.parameters.values()) <= {0.0, 1.0}
+    assert empty.place.parameters.keys() == plan.place.parameters.keys()
+
+
+def test_the_cars_are_of_the_vehicle_of_the_plan() -> None:
+    plan = replace(plan_fleet(3, SMALL), vehicle="light_truck")
+    mass = load_vehicle("light_truck").mass
+    fleet = FleetDrives(plan)
+    assert fleet.nominal.mass == mass
+    assert all(abs(car.vehicle.mass / mass - 1.0) < 0.1 for car in fleet.cars.values())
 
 
 def test_effects_of_a_drive_are_those_of_its_levels() -> None:
