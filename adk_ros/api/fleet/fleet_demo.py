@@ -26,7 +26,9 @@ def write_demo_fleet(
     """
     Simulate a fleet with known faults into the new folder `out`, in `workers` processes.
 
-    :raises UsageError: the folder exists.
+    An interrupted simulation of the same fleet continues.
+
+    :raises UsageError: the folder exists, with another content.
     """
     from adk_ros.fleet.demo.fleet_folder import write_fleet
     from adk_ros.fleet.demo.fleet_plan import FULL_SIZE, QUICK_SIZE, plan_fleet

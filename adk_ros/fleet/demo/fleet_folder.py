@@ -12,11 +12,13 @@ from __future__ import annotations
 
 import csv
 import json
+import shutil
 from collections.abc import Callable, Generator, Sequence
 from concurrent.futures import FIRST_COMPLETED, wait
 from contextlib import closing
 from dataclasses import asdict, replace
 from datetime import datetime, timezone
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +26,7 @@ import numpy as np
 import yaml  # type: ignore[import-untyped, unused-ignore]
 
 from adk_ros.errors import UsageError
+from adk_ros.files.code_digest import code_digest
 from adk_ros.fleet.demo.fleet_drives import FleetDrives
 from adk_ros.fleet.demo.fleet_plan import FleetPlan, PlannedDrive
 from adk_ros.mismatch.recording.sensor_log import SensorLog
@@ -37,6 +40,8 @@ _SHORT_S = 3.0
 _KEPT_BYTES = 2000
 """Bytes that are left of a truncated file: the header and no chunk."""
 TAGS = ("software", "tyres")
+_UNFINISHED, _WRITING = ".unfinished", ".writing"
+"""In the folder while it is written: a file with the hash of the plan, and a folder with bags."""
 
 Progress = Callable[[int, int], None]
 
@@ -47,15 +52,21 @@ def write_fleet(
     """
     Write the fleet of a plan into a new folder; `progress(done, total)` counts the recordings.
 
+    What an interrupted call for the same plan has written is not simulated again.
+
     :param workers: processes that simulate, one core each; the fleet does not depend on it. With
         more than one, a script that calls this needs `if __name__ == "__main__":`.
-    :raises UsageError: the folder exists.
+    :raises UsageError: the folder exists, and has another content than that.
     :raises DataError: a process was killed.
     """
-    if out.exists():
+    unfinished = out / _UNFINISHED
+    of_plan = sha256(f"{plan!r} {code_digest()}".encode()).hexdigest()
+    if out.exists() and not (unfinished.is_file() and unfinished.read_text() == of_plan):
         raise UsageError(f"{out} exists: give a new folder for the fleet")
     drives = FleetDrives(plan)
-    (out / "drives").mkdir(parents=True)
+    (out / "drives").mkdir(parents=True, exist_ok=True)
+    unfinished.write_text(of_plan)
+    shutil.rmtree(out / _WRITING, ignore_errors=True)
     (out / "vehicle.yaml").write_text(yaml.safe_dump(drives.nominal.model_dump()))
     with (out / "drives" / "fleet.csv").open("w", newline="") as file:
         table = csv.writer(file)
@@ -69,12 +80,16 @@ def write_fleet(
                     *(planned.tags[tag] for tag in TAGS),
                 ]
             )
-    with closing(_written(plan, out, [None, *plan.drives], workers)) as written:
-        for done, _ in enumerate(written):
+    bags = [planned for planned in (None, *plan.drives) if not _bag(planned, out).exists()]
+    before = 1 + len(plan.drives) - len(bags)
+    with closing(_written(plan, out, bags, workers)) as written:
+        for done, _ in enumerate(written, start=before):
             if progress is not None:
                 progress(done, len(plan.drives))
+    shutil.rmtree(out / _WRITING, ignore_errors=True)
     # Last: a folder that has it is complete.
     (out / "truth.json").write_text(json.dumps(truth(drives), indent=1))
+    unfinished.unlink()
 
 
 def _written(
@@ -112,10 +127,20 @@ def _write_planned(planned: PlannedDrive | None, out: Path) -> None:
 
 
 def _write_bag(drives: FleetDrives, planned: PlannedDrive | None, out: Path) -> None:
+    bag = _bag(planned, out)
+    # A bag that is there is complete.
+    scratch = out / _WRITING / bag.name
+    scratch.parent.mkdir(exist_ok=True)
     if planned is None:
-        write_sensor_log(drives.simulation(), out / "simulation")
+        write_sensor_log(drives.simulation(), scratch)
     else:
-        write_drive(drives, planned, out / "drives" / planned.name)
+        write_drive(drives, planned, scratch)
+    scratch.rename(bag)
+
+
+def _bag(planned: PlannedDrive | None, out: Path) -> Path:
+    """Return the path of a bag; None is the simulation."""
+    return out / "simulation" if planned is None else out / "drives" / planned.name
 
 
 def start_ns(planned: PlannedDrive) -> int:

@@ -132,14 +132,28 @@ def contents(folder: Path) -> dict[str, bytes]:
     return {path.relative_to(folder).as_posix(): path.read_bytes() for path in files}
 
 
-@pytest.mark.slow(seconds=10)
-def test_an_interrupted_fleet_has_no_truth(tmp_path: Path) -> None:
-    """The demonstration would analyse what is there."""
+@pytest.mark.slow(seconds=20)
+def test_an_interrupted_fleet_continues(tmp_path: Path) -> None:
+    """Without the truth, the demonstration would analyse what is there."""
 
     def stop(done: int, total: int) -> None:
-        raise KeyboardInterrupt
+        if done == 1:
+            raise KeyboardInterrupt
 
     plan = plan_fleet(4, FleetSize(2, 3, (10.0, 12.0), 20.0, 1, 1, 1))
+    out = tmp_path / "fleet"
     with pytest.raises(KeyboardInterrupt):
-        write_fleet(plan, tmp_path / "fleet", stop)
-    assert not (tmp_path / "fleet" / "truth.json").exists()
+        write_fleet(plan, out, stop)
+    assert not (out / "truth.json").exists()
+    with pytest.raises(UsageError, match="give a new folder"):
+        write_fleet(plan_fleet(5, plan.size), out)
+    written = {path: path.stat().st_mtime_ns for path in (out / "drives").rglob("*.mcap")}
+    assert len(written) == 1
+    # What was half-written when the process was killed.
+    (out / ".writing" / plan.drives[2].name).mkdir(parents=True)
+    counts: list[tuple[int, int]] = []
+    write_fleet(plan, out, lambda *given: counts.append(given))
+    assert counts == [(2, 3), (3, 3)]
+    assert all(path.stat().st_mtime_ns == at for path, at in written.items())
+    write_fleet(plan, tmp_path / "whole")
+    assert contents(out) == contents(tmp_path / "whole")
