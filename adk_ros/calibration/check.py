@@ -39,6 +39,7 @@ from adk_ros.calibration.stream_checks import check_streams
 from adk_ros.calibration.streams import Streams
 from adk_ros.calibration.timing import check_timing
 from adk_ros.calibration.wheel_radius import check_joints, check_wheels
+from adk_ros.numerics.similarity import length_scale
 from adk_ros.plant.vehicle.vehicle_parameters import Dimensions
 from adk_ros.road.profile import RoadProfile
 from adk_ros.signals.commands import COMMAND_TYPES
@@ -98,13 +99,15 @@ def check(
     """
     report = progress or (lambda done, total: None)
     findings = _command(content, None if "wheel_radius" in assumed else vehicle)
-    faults = check_streams(content.streams)
+    wheelbase = _wheelbase(vehicle)
+    size = 1.0 if wheelbase is None else length_scale(wheelbase)
+    faults = check_streams(content.streams, size)
     findings += faults.findings
     streams, sensors, coarse = correct_signs(content, faults.unusable, vehicle)
     findings += coarse
     report(1, 3)
     # Gaps of the command do not matter to the road.
-    sensed = check_streams(replace(content.streams, command=None)).unusable
+    sensed = check_streams(replace(content.streams, command=None), size).unusable
     on_road, road = check_road(streams, sensed)
     on_heights, heights = check_heights(road, streams)
     on_road += on_heights

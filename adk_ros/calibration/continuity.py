@@ -24,7 +24,6 @@ from adk_ros.calibration.criteria import (
 from adk_ros.calibration.grid import slowest_driving
 from adk_ros.calibration.streams import Stream
 from adk_ros.numerics.arrays import BoolArray, FloatArray
-from adk_ros.signals.moving_speed import MIN_SPEED
 
 Interval = tuple[float, float]
 """Begin and end, s."""
@@ -75,15 +74,16 @@ def runs(at_s: FloatArray, inside: BoolArray) -> list[tuple[float, float, int]]:
 
 
 def pose_jumps(
-    odometry: Stream, unusable: list[Interval] | None = None
+    odometry: Stream, unusable: list[Interval] | None = None, size: float = 1.0
 ) -> list[tuple[float, float, float]]:
     """
     Return (time in s, distance in m, angle in rad) of pose steps that the motion cannot explain.
 
     The step expected between two messages is that of the twist. Steps within `unusable` intervals,
     and of a car that manoeuvres, do not count: at walking pace a heading that follows the course
-    turns by itself. The smallest jump is shorter for a small car, which drives more slowly:
-    lengths scale with the square of speeds (`numerics.similarity`).
+    turns by itself.
+
+    :param size: scale of the car's lengths (`numerics.similarity`), by which a jump is shorter.
     """
     at = odometry.at_s
     elapsed = np.diff(at)
@@ -116,7 +116,7 @@ def pose_jumps(
         return []
     far = float(np.median(excess[usual])) + JUMP_SIGMAS * _robust_sigma(excess[usual])
     jump = usual & (
-        (excess > max(JUMP_DISTANCE * (slowest / MIN_SPEED) ** 2, far))
+        (excess > max(JUMP_DISTANCE * size, far))
         | (np.abs(turn) > max(JUMP_ANGLE, JUMP_SIGMAS * _robust_sigma(turn[usual])))
     )
     return [

@@ -64,7 +64,7 @@ GUARD_S = 0.5
 
 JUMP_DISTANCE, JUMP_ANGLE = 0.5, math.radians(3.0)
 """m and rad: smallest pose jump. Above the corrections of a working localisation; by choice. The
-distance is that of a full-size car."""
+distance is that of a full-size car, and of one of unknown size."""
 JUMP_SIGMAS = 10.0
 """Robust standard deviations of a pose step that a jump exceeds."""
 

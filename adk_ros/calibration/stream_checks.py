@@ -34,8 +34,12 @@ class StreamFaults:
     unusable: list[Interval]
 
 
-def check_streams(streams: Streams) -> StreamFaults:
-    """Return the findings on every stream and the intervals without usable readings."""
+def check_streams(streams: Streams, size: float = 1.0) -> StreamFaults:
+    """
+    Return the findings on every stream and the intervals without usable readings.
+
+    :param size: scale of the car's lengths (`numerics.similarity`).
+    """
     findings: list[Finding] = []
     unusable: list[Interval] = []
     for name in ("imu", "odometry", "command"):
@@ -49,7 +53,7 @@ def check_streams(streams: Streams) -> StreamFaults:
         findings += _interrupted(name, stream, streams, unusable)
     if streams.odometry is not None:
         findings += _standing(streams.odometry)
-        findings += _jumps(streams.odometry, unusable)
+        findings += _jumps(streams.odometry, unusable, size)
     return StreamFaults(findings, unusable)
 
 
@@ -147,11 +151,11 @@ def _speed(odometry: Stream) -> FloatArray:
     return np.asarray(np.hypot(x, y))
 
 
-def _jumps(odometry: Stream, unusable: list[Interval]) -> Iterator[Finding]:
+def _jumps(odometry: Stream, unusable: list[Interval], size: float) -> Iterator[Finding]:
     if not (odometry.has("x") and odometry.has("y") and odometry.has("v_x")):
         yield not_decidable("pose_jumps", "odometry has no position or no velocity")
         return
-    jumps = pose_jumps(odometry, unusable)
+    jumps = pose_jumps(odometry, unusable, size)
     evidence = "step of the pose minus the step of the twist, between messages"
     if not jumps:
         yield ok("pose_jumps", "no pose jump", evidence)

@@ -29,11 +29,11 @@ def odometry(scale: float) -> Stream:
 @pytest.mark.parametrize("scale", [1.0, SMALL])
 def test_a_jump_is_found_at_any_size(scale: float) -> None:
     stream = odometry(scale)
-    assert pose_jumps(stream) == []
+    assert pose_jumps(stream, size=scale) == []
     at = stream.at_s.size // 2
     assert abs(stream["v_x"][at]) > 2.0 * math.sqrt(scale)
     moved = stream["x"] + np.where(np.arange(stream.at_s.size) >= at, 2.0 * scale, 0.0)
-    ((time_s, distance, _),) = pose_jumps(stream.having(x=moved))
+    ((time_s, distance, _),) = pose_jumps(stream.having(x=moved), size=scale)
     assert time_s == stream.at_s[at]
     assert distance == pytest.approx(2.0 * scale, rel=0.1)
 

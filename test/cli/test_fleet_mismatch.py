@@ -25,7 +25,7 @@ CDA = 0.3
 
 
 @pytest.fixture(scope="module")
-def fleet(tmp_path_factory) -> Path:
+def fleet(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Write the bags of a fleet: drag in all cars, a damaged recording and a copy."""
     plan = plan_fleet(31, FleetSize(5, 11, (60.0, 70.0), 150.0, 2, 1, 1))
     drag = InjectedTerm("aero_drag", {"cda": CDA}, Level(SHARED))

@@ -87,7 +87,7 @@ def test_no_other_run_comes_between_two_stages(
 ) -> None:
     out, simulation = tmp_path / "out", tmp_path / "simulation"
     simulation.mkdir()
-    path = simulation_file(simulation, None, out, RecordingOptions(), RecordingOptions())
+    path = simulation_file(simulation, None, out, False, RecordingOptions(), RecordingOptions())
     path.parent.mkdir()
     path.write_bytes(b"identified")
     stage = EvidenceStage(str(path))
