@@ -8,12 +8,19 @@ import hashlib
 from functools import cache
 from pathlib import Path
 
+_HASHED = {".py", ".yaml", ".j2"}
+"""Sources, packaged vehicles and scenarios, and templates: all decide what a command writes."""
+
 
 @cache
 def code_digest() -> str:
-    """Return a hash (64 hexadecimal digits) of the Python sources of the package."""
-    root = Path(__file__).parents[1]
+    """Return a hash (64 hexadecimal digits) of the sources and data files of the package."""
+    return digest_of(Path(__file__).parents[1])
+
+
+def digest_of(package: Path) -> str:
+    """Return the hash of the sources and data files below a folder."""
     digest = hashlib.sha256()
-    for path in sorted(root.rglob("*.py")):
-        digest.update(str(path.relative_to(root)).encode() + path.read_bytes())
+    for path in sorted(path for path in package.rglob("*") if path.suffix in _HASHED):
+        digest.update(str(path.relative_to(package)).encode() + path.read_bytes())
     return digest.hexdigest()
