@@ -42,7 +42,6 @@ def spaced(text: str) -> str:
 
 @pytest.mark.slow(seconds=120)
 def test_every_step_does_what_the_page_says(tmp_path: Path) -> None:
-    (tmp_path / "adk_ros").symlink_to(ROOT / "adk_ros")
     (recording,) = blocks("", "bash")
     run(recording, tmp_path)
 
@@ -62,14 +61,18 @@ def test_every_step_does_what_the_page_says(tmp_path: Path) -> None:
     lines = [line for line in table.splitlines() if line.strip() not in {"", "..."}]
     assert [line for line in lines if spaced(line) not in printed] == []
 
-    (compare,) = blocks("3. Compare with the data sheet", "bash")
+    (check,) = blocks("3. Check the sensors", "bash")
+    (ends,) = re.findall(r"ends with `(.*?)`", TEXT)
+    assert ends in run(check, tmp_path)
+
+    (compare,) = blocks("4. Compare with the data sheet", "bash")
     printed = spaced(run(compare, tmp_path))
     (said,) = re.findall(r"^finds `(.*?)`", TEXT, flags=re.MULTILINE)
     assert spaced(said) in printed
     (differs,) = re.findall(r"differs by (-?[\d.]+ m/s²)", TEXT)
     assert differs in printed
 
-    (export,) = blocks("4. Export", "bash")
+    (export,) = blocks("5. Export", "bash")
     run(export, tmp_path)
     made = ("signals.csv", "signals", "signals.foxglove.json", "signals.plotjuggler.xml")
     assert [name for name in (*made, "drive.mat") if not (tmp_path / name).exists()] == []
