@@ -27,7 +27,7 @@ def local_files(root: str, is_wanted: Callable[[str], bool]) -> list[dict[str, A
         be missing.
     """
     if not os.path.isdir(root):
-        return [_described(root)]
+        return [described(root)]
     found: list[dict[str, Any]] = []
     entered: set[tuple[int, int]] = set()
     folders, links = [root], list[str]()
@@ -46,7 +46,7 @@ def local_files(root: str, is_wanted: Callable[[str], bool]) -> list[dict[str, A
                 if os.path.isdir(entry.path):
                     (links if entry.is_symlink() else folders).append(entry.path)
                 elif is_wanted(entry.name):
-                    found.append(_described(entry.path))
+                    found.append(described(entry.path))
                 elif entry.is_symlink() and not os.path.exists(entry.path):
                     raise UsageError(
                         f"{entry.path} is a link to {os.readlink(entry.path)}, which is not "
@@ -60,7 +60,7 @@ def local_files(root: str, is_wanted: Callable[[str], bool]) -> list[dict[str, A
     return found
 
 
-def _described(path: str) -> dict[str, Any]:
+def described(path: str) -> dict[str, Any]:
     """Return name, size and time of a file; of a link that leads nowhere, its own and no bytes."""
     try:
         status = os.stat(path)

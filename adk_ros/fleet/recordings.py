@@ -9,7 +9,7 @@ import hashlib
 import re
 import shutil
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
@@ -17,7 +17,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from adk_ros.errors import UsageError
-from adk_ros.fleet.local_files import local_files
+from adk_ros.fleet.local_files import described, local_files
 from adk_ros.fleet.store import file_system, is_local, with_retries
 
 _STORAGE = (".mcap", ".db3", ".bag", ".mcap.zstd", ".db3.zstd")
@@ -142,13 +142,40 @@ def _in_folder(
     for path, names in groups.items():
         name = path.removeprefix(parent).strip("/") or PurePosixPath(path).name
         files = tuple(sorted(names))
-        versions = [(name, infos[name]["size"], _changed(infos[name])) for name in files]
         yield FleetRecording(
             name,
             prefix + path,
             files,
             sum(infos[name]["size"] for name in files),
-            hashlib.sha256(repr(versions).encode()).hexdigest(),
+            _version(infos[name] for name in files),
+        )
+
+
+def _version(infos: Iterable[dict[str, Any]]) -> str:
+    versions = [(info["name"], info["size"], _changed(info)) for info in infos]
+    return hashlib.sha256(repr(versions).encode()).hexdigest()
+
+
+def check_unchanged(recording: FleetRecording) -> None:
+    """
+    Check that the files on the disk are still those that were listed.
+
+    One that is still being written would have results that belong to no content. Objects of a
+    store appear whole.
+
+    :raises UsageError: they are not.
+    """
+    system, _ = file_system(recording.uri)
+    if not is_local(system):
+        return
+    try:
+        is_same = _version(map(described, recording.files)) == recording.version
+    except OSError:
+        is_same = False
+    if not is_same:
+        raise UsageError(
+            f"{recording.uri} has changed while it was read: run the same command again when it "
+            "is complete"
         )
 
 
@@ -175,7 +202,8 @@ def content_hash(recording: FleetRecording) -> str:
     Of names, sizes and contents of the files; the name of the recording itself does not count, so
     a copy or a moved recording has the same hash.
 
-    :raises UsageError: a file cannot be read. :raises StoreUnreachable: a store does not answer.
+    :raises UsageError: a file cannot be read, or has changed since it was listed.
+    :raises StoreUnreachable: a store does not answer.
     """
     system, _ = file_system(recording.uri)
 
@@ -190,9 +218,11 @@ def content_hash(recording: FleetRecording) -> str:
         return digest.hexdigest()
 
     try:
-        return with_retries(recording.uri, read)
+        content = with_retries(recording.uri, read)
     except OSError as error:
         raise UsageError(f"{recording.uri} cannot be read: {error.strerror or error}") from None
+    check_unchanged(recording)
+    return content
 
 
 def _copy_file(system: Any, name: str, copy: Path) -> None:

@@ -18,7 +18,12 @@ from adk_ros.fleet.cluster import Cluster
 from adk_ros.fleet.dataset import FleetDataset, checked_row, remove_unfinished
 from adk_ros.fleet.engine import Task, run_tasks
 from adk_ros.fleet.plan import Plan, Work, current_keys, plan, unreadable_content
-from adk_ros.fleet.recordings import FleetRecording, content_hash, local_recording
+from adk_ros.fleet.recordings import (
+    FleetRecording,
+    check_unchanged,
+    content_hash,
+    local_recording,
+)
 from adk_ros.fleet.run_lock import run_lock
 from adk_ros.fleet.stage import Stage, StageVersion, version_of
 from adk_ros.fleet.stage_process import ENDS_RUN, Failure, NotShared, Reply
@@ -196,6 +201,7 @@ def run_on_recording(
 
     :param shared: paths that the driver sees, and the worker has to see as well.
     :raises NotShared: it does not.
+    :raises UsageError: the recording has changed since it was listed.
     """
     for each in shared:
         if not Path(each).exists():
@@ -214,6 +220,7 @@ def run_on_recording(
         except AdkError as error:
             error.args = (named(str(error)),)
             raise
+        check_unchanged(recording)
         return [{key: named(value) for key, value in row.items()} for row in rows]
 
 

@@ -482,6 +482,35 @@ def test_a_recording_that_could_not_be_read_is_read_again_on_demand(tmp_path, mo
     assert run_again(LIMITS) == [row]
 
 
+class GrowingStage(CountingStage):
+    """Reads a recording to which something is appended meanwhile."""
+
+    def run(self, path, recording):
+        rows = super().run(path, recording)
+        if len(path.read_text()) < 10:
+            path.write_text("more and complete")
+        return rows
+
+
+def test_a_recording_that_is_still_being_written_has_no_result(tmp_path, monkeypatch) -> None:
+    run_here(monkeypatch)
+    path, out = tmp_path / "a.mcap", tmp_path / "out"
+    path.write_text("half")
+    stage = GrowingStage()
+    # It grows before its content is hashed.
+    early = find_recordings([str(path)])
+    path.write_text("half of")
+    texts = []
+    for found in (early, find_recordings([str(path)]), None):
+        listed = found or find_recordings([str(path)])
+        run_stage(stage, listed, out, fake_cluster, LIMITS)
+        (row,) = current_rows(version_of(stage), listed, FleetDataset(out))
+        texts.append(row["reason"] or row["text"])
+    assert "has changed while it was read" in texts[0]
+    assert "has changed while it was read" in texts[1]
+    assert texts[2] == "more and complete"
+
+
 @pytest.mark.slow(seconds=10)
 def test_a_scheduler_without_workers_is_said(tmp_path) -> None:
     running = RunningCluster(tmp_path, workers=0)
