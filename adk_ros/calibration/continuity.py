@@ -24,6 +24,8 @@ from adk_ros.calibration.criteria import (
 from adk_ros.calibration.grid import slowest_driving
 from adk_ros.calibration.streams import Stream
 from adk_ros.numerics.arrays import BoolArray, FloatArray
+from adk_ros.numerics.similarity import time_scale
+from adk_ros.signals.moving_speed import MIN_SPEED
 
 Interval = tuple[float, float]
 """Begin and end, s."""
@@ -83,7 +85,8 @@ def pose_jumps(
     and of a car that manoeuvres, do not count: at walking pace a heading that follows the course
     turns by itself.
 
-    :param size: scale of the car's lengths (`numerics.similarity`), by which a jump is shorter.
+    :param size: scale of the car's lengths (`numerics.similarity`), by which a jump is shorter and
+        walking pace slower.
     """
     at = odometry.at_s
     elapsed = np.diff(at)
@@ -110,8 +113,7 @@ def pose_jumps(
     turn = np.diff(heading) - between("yaw_rate")
     turn = np.arctan2(np.sin(turn), np.cos(turn))
     step = np.hypot(ahead, left)
-    slowest = slowest_driving(step[usual] / elapsed[usual])
-    usual &= step > slowest * elapsed
+    usual &= step > MIN_SPEED * time_scale(size) * elapsed
     if not usual.any():
         return []
     far = float(np.median(excess[usual])) + JUMP_SIGMAS * _robust_sigma(excess[usual])

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator
 
 import numpy as np
@@ -94,10 +95,13 @@ def recorded_drive(streams: Streams, unusable: Iterable[Interval]) -> RecordedDr
 
 def _grade(profile: RoadProfile, drive: RecordedDrive) -> Finding:
     before, after = held_out_speed_error(drive, profile.grade_variances, STANDING_SPEED)
-    evidence = (
-        f"{_EVIDENCE}; the kinematic error of v_x after 1 s is {before:.2f} m/s, with the grade "
-        f"by the data before and after {after:.2f} m/s; assumed: {'; '.join(profile.assumed)}"
-    )
+    evidence = [_EVIDENCE]
+    if math.isfinite(before) and math.isfinite(after):
+        evidence.append(
+            f"the kinematic error of v_x after 1 s is {before:.2f} m/s, with the grade by the "
+            f"data before and after {after:.2f} m/s"
+        )
+    evidence.append(f"assumed: {'; '.join(profile.assumed)}")
     level = profile.grade.level
     if profile.level_by:
         text = f"level by {profile.level_by}"
@@ -106,7 +110,7 @@ def _grade(profile: RoadProfile, drive: RecordedDrive) -> Finding:
             f"level undetermined within ±{level:.1%}: no return and no other direction separates "
             "it from the offset of the IMU"
         )
-    return _judged("road_grade", profile.grade, text, evidence)
+    return _judged("road_grade", profile.grade, text, "; ".join(evidence))
 
 
 def _bank(profile: RoadProfile) -> Finding:

@@ -114,3 +114,12 @@ def test_an_orientation_that_is_not_reported_is_none() -> None:
     assert np.isnan(attitude_row(given)[1:]).all()
     pose = {"pose": {"orientation": dict(q, w=0.0)}}
     assert np.isnan(attitude_row(message(ODOMETRY_TYPE, header=header, pose=pose))[1:]).all()
+
+
+def test_a_drive_too_short_to_leave_out_a_part_has_no_nan(monkeypatch: pytest.MonkeyPatch) -> None:
+    nan = float("nan")
+    monkeypatch.setattr("adk_ros.calibration.road.held_out_speed_error", lambda *_: (nan, nan))
+    evidence = found(as_streams(hilly(seconds=30.0)))["road_grade"].evidence
+    assert "nan" not in evidence
+    assert "v_x after 1 s" not in evidence
+    assert "assumed: " in evidence
