@@ -8,7 +8,7 @@ And which rows of the dataset are those of recordings as they are now.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from hashlib import sha256
 from typing import Any
@@ -117,6 +117,32 @@ def current_rows(
     rows = dataset.rows(version.name, {**wanted, **(where or {})})
     # A recording may have had the content that another one has now.
     return [row for row in rows if row["key"] == keys[row["recording"]]]
+
+
+def distinct_rows(
+    rows: Iterable[dict[str, Any]], content: Callable[[dict[str, Any]], str]
+) -> tuple[list[dict[str, Any]], dict[str, str]]:
+    """
+    Return the rows of usable recordings, sorted by name, and name -> reason of the others.
+
+    A copy under another name is no further data: of each `content` the first by name is used.
+    """
+    used, left_out = [], {}
+    first_of: dict[str, str] = {}
+    for row in sorted(rows, key=lambda row: str(row["recording"])):
+        name = str(row["recording"])
+        if row["status"] != "ok":
+            left_out[name] = str(row["reason"])
+        elif (first := first_of.setdefault(content(row), name)) != name:
+            left_out[name] = f"has the content of {first}"
+        else:
+            used.append(row)
+    return used, left_out
+
+
+def content_of(row: dict[str, Any]) -> str:
+    """Return the content hash of a row."""
+    return str(row["content_hash"])
 
 
 def unreadable_content(recording: FleetRecording) -> str:

@@ -79,6 +79,15 @@ def test_squares_are_averaged_over_rollouts(stage: ReplayStage, tmp_path: Path) 
     assert replay_summary(tmp_path / "out", other, recordings).errors == ()
 
 
+def test_a_copy_counts_once(stage: ReplayStage, tmp_path: Path) -> None:
+    before = replay_summary(tmp_path / "out", stage, find_recordings([str(tmp_path / "drives")]))
+    (tmp_path / "drives" / "c.mcap").write_text("b.mcap")
+    filled(tmp_path / "drives", tmp_path / "out", stage)
+    found = find_recordings([str(tmp_path / "drives")])
+    assert len(found) == 3
+    assert replay_summary(tmp_path / "out", stage, found) == before
+
+
 def test_a_recording_counts_as_it_is_now(
     stage: ReplayStage, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -37,7 +37,7 @@ from adk_ros.bags.recording import RecordingOptions
 from adk_ros.errors import UsageError
 from adk_ros.fleet.cluster import Cluster, open_cluster
 from adk_ros.fleet.dataset import FleetDataset
-from adk_ros.fleet.plan import current_rows
+from adk_ros.fleet.plan import content_of, current_rows, distinct_rows
 from adk_ros.fleet.recordings import FleetRecording
 from adk_ros.fleet.run import Progress, run_stage
 from adk_ros.fleet.run_lock import run_lock
@@ -210,23 +210,10 @@ def _links(out: Path, stage: ReportStage, recordings: Sequence[FleetRecording]) 
 def evidence_of(
     out: Path, stage: EvidenceStage, recordings: Sequence[FleetRecording]
 ) -> tuple[list[Row], dict[str, str]]:
-    """
-    Return the evidence of these recordings in a dataset, and name -> reason of the others.
-
-    A copy under another name is no further evidence: the first by name counts.
-    """
-    rows, failed = [], {}
-    first_of: dict[str, str] = {}
+    """Return the evidence of these recordings in a dataset, and name -> reason of the others."""
     found = current_rows(version_of(stage), recordings, FleetDataset(out))
-    for row in sorted(found, key=lambda row: str(row["recording"])):
-        name = str(row["recording"])
-        if row["status"] != "ok":
-            failed[name] = str(row["reason"])
-        elif (first := first_of.setdefault(row["content_hash"], name)) != name:
-            failed[name] = f"has the content of {first}"
-        else:
-            rows.append(evidence_row(row["details"], name))
-    return rows, failed
+    rows, left_out = distinct_rows(found, content_of)
+    return [evidence_row(row["details"], str(row["recording"])) for row in rows], left_out
 
 
 def recording_tags(rows: Sequence[Row], tags: Mapping[str, Tags]) -> dict[str, RecordingTags]:

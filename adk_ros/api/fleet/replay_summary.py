@@ -13,7 +13,7 @@ from typing import Any
 
 from adk_ros.api.fleet.replay_stage import MINUTES, ReplayStage
 from adk_ros.fleet.dataset import FleetDataset
-from adk_ros.fleet.plan import current_rows
+from adk_ros.fleet.plan import content_of, current_rows, distinct_rows
 from adk_ros.fleet.recordings import FleetRecording
 from adk_ros.fleet.stage import version_of
 from adk_ros.signals.channels import STATE_NAMES
@@ -68,9 +68,10 @@ class ReplaySummary:
 def replay_summary(
     out: Path, stage: ReplayStage, recordings: Sequence[FleetRecording]
 ) -> ReplaySummary:
-    """Return what a stage says of recordings as they are now."""
+    """Return what a stage says of recordings as they are now, of each content once."""
     kinds = {"kind": ["error", "surprise"]}
-    rows = current_rows(version_of(stage), recordings, FleetDataset(out), kinds)
+    found = current_rows(version_of(stage), recordings, FleetDataset(out), kinds)
+    rows, _ = distinct_rows(found, content_of)
     return ReplaySummary(
         _pooled(row for row in rows if row["kind"] == "error"),
         _minutes(row for row in rows if row["kind"] == "surprise"),

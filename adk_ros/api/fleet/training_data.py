@@ -19,7 +19,7 @@ from adk_ros.api.fleet.shard_stage import SHARDS, ShardStage
 from adk_ros.bags.recording import RecordingOptions
 from adk_ros.errors import UsageError
 from adk_ros.fleet.dataset import FleetDataset
-from adk_ros.fleet.plan import current_rows
+from adk_ros.fleet.plan import current_rows, distinct_rows
 from adk_ros.fleet.recordings import FleetRecording
 from adk_ros.fleet.run import Progress
 from adk_ros.fleet.stage import version_of
@@ -149,20 +149,16 @@ def _blocks(
 ) -> tuple[list[FleetBlock], dict[str, str]]:
     """Return the blocks of the recordings, and recording -> why it is not used."""
     balanced = _balanced_tags(tags)
-    blocks, failed = [], {}
-    first_of: dict[str, str] = {}
+    blocks = []
     rows = current_rows(version_of(stage), recordings, FleetDataset(out))
-    for row in sorted(rows, key=lambda row: str(row["recording"])):
+    # A copy could train and test at once, also one in another format, of the same samples.
+    used, failed = distinct_rows(
+        (row for row in rows if row["status"] != "ok" or row["kind"] == "block"),
+        lambda row: str(json.loads(row["details"])["shard"]),
+    )
+    for row in used:
         name = str(row["recording"])
-        if row["status"] != "ok":
-            failed[name] = str(row["reason"])
-        if row["kind"] != "block":
-            continue
         details = json.loads(row["details"])
-        # A copy under another name could train and test at once.
-        if (first := first_of.setdefault(details["shard"], name)) != name:
-            failed[name] = f"has the content of {first}"
-            continue
         tagged = tags.get(name, Tags())
         values = [f"{key} {tagged.conditions.get(key, '')}" for key in balanced]
         blocks.append(
