@@ -208,10 +208,6 @@ def _show(found: FleetMismatch) -> None:
             f"no vehicle is named (fleet.csv): {len(recordings)} recordings count as as many cars"
         )
     console.note_all(found.notes)
-    if found.unplaced:
-        from adk_ros.fleet.report.fleet_rows import unplaced_text
-
-        console.note(unplaced_text(found.unplaced))
     if found.left:
         console.note(f"--limit: {found.left} recordings are not analysed")
     for name, reason in found.failed:

@@ -7,7 +7,7 @@ from __future__ import annotations
 import socket
 import time
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
@@ -125,14 +125,8 @@ def _hash_recordings(
     )
     meter = _Meter("hashing", len(by_name), sum(x.size for x in recordings), progress, cluster)
     with _Writer(dataset.append_hashes) as writer:
-
-        def on_wake() -> None:
-            writer.flush_if_due()
-            meter.say_what_is_lacking()
-
-        for task, reply in run_tasks(cluster, tasks, on_wake):
+        for task, reply in _outcomes(cluster, tasks, writer, meter):
             recording = by_name[task.name]
-            _stop_if_needed(reply)
             content = unreadable_content(recording) if reply.failure else reply.value
             writer.add(
                 [
@@ -173,13 +167,7 @@ def _compute(
     failures: Counter[str] = Counter()
     started, memory_mib, computed = time.monotonic(), 0.0, 0
     with _Writer(lambda rows: dataset.append(stage.name, rows)) as writer:
-
-        def on_wake() -> None:
-            writer.flush_if_due()
-            meter.say_what_is_lacking()
-
-        for task, reply in run_tasks(cluster, tasks, on_wake):
-            _stop_if_needed(reply)
+        for task, reply in _outcomes(cluster, tasks, writer, meter):
             work = by_key[task.name]
             writer.add(result_rows(version, work, reply))
             memory_mib = max(memory_mib, reply.memory_mib)
@@ -280,6 +268,24 @@ def _list_and_copy(
                 named = {"recording": copy.name, "uri": copy.uri, "written_s": time.time()}
                 rows.append(row | named)
     dataset.append(version.name, rows)
+
+
+def _outcomes(
+    cluster: Cluster, tasks: Iterable[Task], writer: _Writer, meter: _Meter
+) -> Iterator[tuple[Task, Reply]]:
+    """
+    Yield every task with its outcome; write what is due and say what is lacking meanwhile.
+
+    :raises UsageError: an outcome that would hit all other tasks, or no scheduler any more.
+    """
+
+    def on_wake() -> None:
+        writer.flush_if_due()
+        meter.say_what_is_lacking()
+
+    for task, reply in run_tasks(cluster, tasks, on_wake):
+        _stop_if_needed(reply)
+        yield task, reply
 
 
 def _stop_if_needed(reply: Reply) -> None:

@@ -60,8 +60,7 @@ class FleetMismatch:
     Result of a fleet, the page that was written, and the recordings without evidence.
 
     `left`: number of recordings that were not chosen because of a limit. `notes`: what does not
-    match in fleet.csv. `unplaced`: number of recordings that take no part in the search for
-    places, since their odometry counts from the start of the drive.
+    match in fleet.csv, and how many recordings take no part in the search for places.
     """
 
     result: FleetResult
@@ -69,7 +68,6 @@ class FleetMismatch:
     failed: tuple[tuple[str, str], ...]
     left: int = 0
     notes: tuple[str, ...] = ()
-    unplaced: int = 0
 
     @property
     def summary(self) -> str:
@@ -114,6 +112,7 @@ def fleet_mismatch(
     from adk_ros.fleet.inference.fleet_simulation import FleetSimulation
     from adk_ros.fleet.inference.recording_evidence import UNPLACED
     from adk_ros.fleet.report.fleet_page import write_fleet_page
+    from adk_ros.fleet.report.fleet_rows import unplaced_text
 
     timer = RunTimer()
     out, simulation, options = Path(out), Path(simulation), options or FleetOptions()
@@ -184,6 +183,7 @@ def fleet_mismatch(
         sources: list[tuple[str, Path | str | None]] = [("simulation", simulation)]
         if vehicle is not None and Path(vehicle).is_file():
             sources.append(("vehicle", vehicle))
+        text = unplaced_text(len(unplaced))
         page = write_fleet_page(
             analysis.result,
             out / REPORT,
@@ -191,10 +191,11 @@ def fleet_mismatch(
             links=links,
             models=models,
             failed=failed,
-            unplaced=len(unplaced),
+            unplaced=text,
         )
         left = len(listed) - len(found)
-        return FleetMismatch(analysis.result, page, failed, left, table.notes, len(unplaced))
+        notes = (*table.notes, text) if text else table.notes
+        return FleetMismatch(analysis.result, page, failed, left, notes)
 
 
 def _links(out: Path, stage: ReportStage, recordings: Sequence[FleetRecording]) -> dict[str, str]:

@@ -23,7 +23,6 @@ from adk_ros.fleet.report.fleet_rows import (
     not_claimed_rows,
     place_rows,
     summary_sentence,
-    unplaced_text,
 )
 
 PAGE, DATA = "fleet.html", "fleet.json"
@@ -39,7 +38,7 @@ def write_fleet_page(
     links: Mapping[str, str] | None = None,
     models: Mapping[str, str] | None = None,
     failed: Sequence[tuple[str, str]] = (),
-    unplaced: int = 0,
+    unplaced: str = "",
 ) -> Path:
     """
     Write `fleet.html`, `fleet.json`, figures and corrected models into a folder.
@@ -48,7 +47,7 @@ def write_fleet_page(
 
     `links`: recording -> address of its report; `models`: file name -> text
     (`corrected_models`); `failed`: recordings without evidence, with the reason; `unplaced`:
-    number of those that take no part in the search for places.
+    what `fleet_rows.unplaced_text` says.
     """
     figures: dict[str, Any] = {}
     if result.vehicles:
@@ -88,7 +87,7 @@ def write_fleet_page(
         worst=_worst_rows(result, links or {}),
         models=sorted(models or {}),
         failed=[list(pair) for pair in failed],
-        unplaced=unplaced_text(unplaced),
+        unplaced=unplaced,
         outdated=[[r.name, r.note] for r in result.recordings if r.note],
         tests=result.tests,
         recordings=len(result.recordings),

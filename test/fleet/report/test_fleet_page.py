@@ -27,7 +27,7 @@ from adk_ros.fleet.inference.places import Place
 from adk_ros.fleet.report.claim_text import claim_text
 from adk_ros.fleet.report.fleet_comparison import compared_claims, write_comparison
 from adk_ros.fleet.report.fleet_page import write_fleet_page
-from adk_ros.fleet.report.fleet_rows import summary_sentence
+from adk_ros.fleet.report.fleet_rows import summary_sentence, unplaced_text
 from adk_ros.mismatch.deployment.surrogate_file import SurrogateFile
 from adk_ros.mismatch.library.surrogate_parameters import default_parameters
 from adk_ros.mismatch.report.vocabulary import title
@@ -216,3 +216,11 @@ def test_no_model_replaces_that_of_another_car() -> None:
         "corrected_all.yaml", "corrected_all_2.yaml", "corrected_car_1.yaml",
         "corrected_car_1_2.yaml",
     ]  # fmt: skip
+
+
+def test_recordings_without_a_map_are_said(tmp_path: Path) -> None:
+    assert unplaced_text(0) == ""
+    assert unplaced_text(1).startswith("1 recording begins at x = y = 0 and counts for no place")
+    text = unplaced_text(3)
+    assert text.startswith("3 recordings begin at x = y = 0 and count for no place")
+    assert text in write_fleet_page(result(), tmp_path, unplaced=text).read_text()
