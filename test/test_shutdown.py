@@ -175,12 +175,21 @@ def test_first_signal_unwinds_and_later_ones_are_ignored() -> None:
     assert signal.getsignal(signal.SIGTERM) is before
 
 
+@pytest.fixture
+def heeded() -> Iterator[None]:
+    """Heed Ctrl-C, which is ignored where the tests run in a background job of a shell."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
 def ctrl_c() -> None:
     """Press Ctrl-C, and wait for the exception."""
     os.kill(os.getpid(), signal.SIGINT)
     time.sleep(5.0)
 
 
+@pytest.mark.usefixtures("heeded")
 @pytest.mark.parametrize("context", [interruptible, graceful_shutdown])
 def test_a_swallowed_interruption_is_raised_by_the_next_report(
     context: Callable[[], AbstractContextManager[None]],
@@ -198,6 +207,7 @@ def test_a_swallowed_interruption_is_raised_by_the_next_report(
         report(3, 3)
 
 
+@pytest.mark.usefixtures("heeded")
 @pytest.mark.parametrize("context", [interruptible, graceful_shutdown])
 def test_an_interruption_that_became_an_error_is_raised(
     context: Callable[[], AbstractContextManager[None]],
@@ -214,6 +224,7 @@ def test_an_interruption_that_became_an_error_is_raised(
         raise RuntimeError("no signal")
 
 
+@pytest.mark.usefixtures("heeded")
 def test_an_interruption_within_a_finaliser_prints_nothing(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
