@@ -76,6 +76,13 @@ def train(
             "equations that the data do not contradict"
         ),
     ] = True,
+    single_track: Annotated[
+        bool,
+        typer.Option(
+            help="beyond the training data, pass over to a single-track model with tyre forces "
+            "that is identified from them"
+        ),
+    ] = False,
     seed: Annotated[int, typer.Option(help="the same seed and data give the same model")] = 0,
     device: Annotated[str, typer.Option(help="auto, cpu or cuda")] = "auto",
     paper: Annotated[
@@ -121,6 +128,7 @@ def train(
             learning_rate=learning_rate,
             quadratic=quadratic,
             speed_augmentation=speed_augmentation,
+            single_track=single_track,
             seed=seed,
             device=device,
             validate_every=validation_interval(steps),
@@ -223,6 +231,9 @@ def print_result(model: TrainedModel) -> None:
             "the fastest data contradict the augmentation to higher speeds, left out of "
             f"{run.trained.unaugmented_text}"
         )
+    wants_single_track = run.facts["settings"].get("single_track", False)
+    if wants_single_track and run.trained is not None and run.trained.single_track is None:
+        console.note("the single-track model does not predict the validation data: it is left out")
     if run.trained is not None and run.trained.stopped_early:
         console.note(
             "stopped early because the validation loss no longer improved: the model is that of "

@@ -17,7 +17,7 @@ from adk_ros.model.adaptation.online_methods import OnlineSettings
 from adk_ros.model.estimation.observer_gains import ObserverGains
 from adk_ros.model.koopman import KoopmanModel
 from adk_ros.model.lifting.encoder import Lifting, input_size
-from adk_ros.numerics.arrays import FloatArray
+from adk_ros.numerics.arrays import BoolArray, FloatArray
 from adk_ros.train.dataset import Sequences
 from adk_ros.train.network import Lift, Network, as_tensor, to_torchscript
 from adk_ros.train.network_fit import FittedNetwork
@@ -72,7 +72,10 @@ def assemble(trained: FittedNetwork, part: Sequences, uses_imu: bool) -> Assembl
     theta = np.zeros((3 + n_features, phi.shape[1]))
     theta[:3] = _head(network, mean, spread).T
     theta[3:] = np.linalg.solve(phi.T @ phi + np.eye(phi.shape[1]), phi.T @ change).T
-    refitted = _refit_output_layer(theta, phi, target / scaling.step_scale)
+    free = network.mask[:, 0].numpy() > 0.0
+    # The constant compensates the means of the features.
+    free[-1] = True
+    refitted = _refit_output_layer(theta, phi, target / scaling.step_scale, free)
     program = to_torchscript(lift)
     model = KoopmanModel(
         lifting=Lifting(program, input_size(network.history), n_features),
@@ -102,7 +105,7 @@ def _inputs(
 
 
 def _refit_output_layer(
-    theta: FloatArray, phi: FloatArray, target: FloatArray
+    theta: FloatArray, phi: FloatArray, target: FloatArray, free: BoolArray
 ) -> tuple[FloatArray, ...]:
     """
     Return copies of `theta` with the first three rows refitted, one for each of `_RIDGE_LEVELS`.
@@ -112,19 +115,21 @@ def _refit_output_layer(
     """
     known = np.isfinite(target).all(axis=1)
     phi, target = phi[known], target[known]
-    right = phi.T @ (target - phi @ theta[:3].T)
+    rest = target - phi @ theta[:3].T
+    phi = phi[:, free]
+    right = phi.T @ rest
     result = []
     for level in _RIDGE_LEVELS:
         changed = theta.copy()
         ridge = level * len(phi) * np.eye(phi.shape[1])
-        changed[:3] += np.linalg.solve(phi.T @ phi + ridge, right).T
+        changed[:3, free] += np.linalg.solve(phi.T @ phi + ridge, right).T
         result.append(changed)
     return tuple(result)
 
 
 def _head(network: Network, mean: torch.Tensor, spread: torch.Tensor) -> FloatArray:
     """Return the head (n_phi, 3) for features that are normalised by `mean` and `spread`."""
-    head = (network.base + network.head).detach()
+    head = (network.base + network.mask * network.head).detach()
     block = slice(3, 3 + mean.shape[0])
     head[-1] += mean @ head[block]
     head[block] *= spread[:, None]

@@ -17,8 +17,11 @@ import torch
 from torch import Tensor, nn
 
 from adk_ros.model.lifting.encoder import input_size
+from adk_ros.model.lifting.single_track import SINGLE_TRACK_FEATURES
 from adk_ros.numerics.arrays import FloatArray
 from adk_ros.train.quadratic_features import QuadraticFeatures
+from adk_ros.train.single_track_fit import SingleTrack
+from adk_ros.train.single_track_network import SingleTrackModule, compiled_single_track
 
 
 class Encoder(nn.Module):
@@ -30,11 +33,20 @@ class Encoder(nn.Module):
     """
 
     def __init__(
-        self, history: int, hidden: int, features: int, quadratic: QuadraticFeatures | None = None
+        self,
+        history: int,
+        hidden: int,
+        features: int,
+        quadratic: QuadraticFeatures | None = None,
+        single: SingleTrack | None = None,
     ) -> None:
         super().__init__()
         n = input_size(history)
         quadratic = quadratic or QuadraticFeatures.none(n)
+        self.has_single_track = single is not None
+        if single is not None:
+            arrays = single.car, single.command_filter, single.limits
+            self.single_track = SingleTrackModule(*map(torch.from_numpy, arrays))
         self.reach = nn.Buffer(torch.from_numpy(quadratic.reach))
         self.directions = nn.Buffer(torch.from_numpy(quadratic.directions))
         self.weights = nn.Buffer(torch.from_numpy(quadratic.weights))
@@ -54,11 +66,23 @@ class Encoder(nn.Module):
         first = torch.tanh(torch.addmm(self.b1, inside, self.w1))
         second = torch.tanh(torch.addmm(self.b2, first, self.w2))
         learned = torch.addmm(torch.addmm(self.b3, second, self.w3), row, self.skip)
-        if self.level.shape[0] == 0:
-            return learned
-        seen = torch.mm(inside, self.directions)
-        known = torch.addmm(self.level, seen * seen, self.weights)
-        return torch.cat([learned, torch.addmm(known, row, self.linear)], dim=1)
+        known = torch.zeros(1, 3)
+        if self.level.shape[0]:
+            seen = torch.mm(inside, self.directions)
+            known = torch.addmm(self.level, seen * seen, self.weights)
+            known = torch.addmm(known, row, self.linear)
+        if not self.has_single_track:
+            return torch.cat([learned, known], dim=1) if self.level.shape[0] else learned
+        single = compiled_single_track(self.single_track, row)
+        weight = single[:, 6:7]
+        return torch.cat([weight * learned, weight * known + single[:, :3], single[:, 3:6]], dim=1)
+
+    @property
+    def known_features(self) -> int:
+        """Features that predict the increments without training, and forces."""
+        if self.has_single_track:
+            return SINGLE_TRACK_FEATURES
+        return self.level.shape[0]
 
 
 class Lift(nn.Module):
@@ -68,21 +92,36 @@ class Lift(nn.Module):
     :param mean, spread: (m + k,) mean and deviation of the features on training data.
     """
 
+    __constants__ = ("has_single_track", "has_squares")
+
     def __init__(self, encoder: Encoder, mean: Tensor, spread: Tensor) -> None:
         super().__init__()
         features, squares = encoder.b3.shape[0], encoder.directions.shape[1]
         hidden, fitted = encoder.w2.shape[1], encoder.level.shape[0]
-        w3 = torch.zeros(hidden + squares, features + fitted)
+        learned = hidden + squares
+        w3 = torch.zeros(learned, features + fitted)
         w3[:hidden, :features], w3[hidden:, features:] = encoder.w3, encoder.weights
         skip = torch.cat([encoder.skip, encoder.linear], dim=1)
         b3 = torch.cat([encoder.b3, encoder.level])
+        self.has_single_track = encoder.has_single_track
+        if encoder.has_single_track:
+            # Rows for [w hidden; w squares; features of the single-track model; w; w row].
+            weighted, w3 = (
+                w3,
+                torch.zeros(learned + SINGLE_TRACK_FEATURES + 1 + skip.shape[0], len(mean)),
+            )
+            last, wide = learned + SINGLE_TRACK_FEATURES, features + fitted
+            w3[:learned, :wide], w3[last, :wide], w3[last + 1 :, :wide] = weighted, b3, skip
+            w3[learned:last, features:] = torch.eye(SINGLE_TRACK_FEATURES)
+            skip, b3 = torch.zeros(skip.shape[0], len(mean)), torch.zeros(len(mean))
+            self.single_track = encoder.single_track
         # No class annotations: TorchScript cannot read them.
         self.w1, self.b1 = _fixed(encoder.w1), _fixed(encoder.b1)
         self.w2, self.b2 = _fixed(encoder.w2), _fixed(encoder.b2)
         self.w3, self.b3 = _fixed(w3 / spread), _fixed((b3 - mean) / spread)
         self.skip = _fixed(skip / spread)
         self.reach, self.directions = _fixed(encoder.reach), _fixed(encoder.directions)
-        self.plain = squares == 0
+        self.has_squares = squares > 0
 
     def forward(self, row: Tensor) -> Tensor:
         """Features (b, m + k) of input rows (b, n)."""
@@ -92,10 +131,14 @@ class Lift(nn.Module):
         # One product for layer, squares and skip path: each call in TorchScript costs time.
         # The joined weights become a constant when the program is frozen.
         weights = torch.cat([self.w3, self.skip])
-        if self.plain:
-            return torch.addmm(self.b3, torch.cat([second, row], dim=1), weights)
-        forms = torch.mm(inside, self.directions)
-        return torch.addmm(self.b3, torch.cat([second, forms * forms, row], dim=1), weights)
+        if self.has_squares:
+            forms = torch.mm(inside, self.directions)
+            second = torch.cat([second, forms * forms], dim=1)
+        if self.has_single_track:
+            single = self.single_track(row)
+            weight = single[:, 6:7]
+            second = torch.cat([weight * second, single, weight * row], dim=1)
+        return torch.addmm(self.b3, torch.cat([second, row], dim=1), weights)
 
 
 def _fixed(value: Tensor) -> nn.Buffer:
@@ -114,20 +157,26 @@ class Network(nn.Module):
         features: int,
         step_scale: FloatArray,
         quadratic: QuadraticFeatures | None = None,
+        single: SingleTrack | None = None,
     ) -> None:
         super().__init__()
         self.history = history
-        self.encoder = Encoder(history, hidden, features, quadratic)
-        fitted = self.encoder.level.shape[0]
+        self.encoder = Encoder(history, hidden, features, quadratic, single)
+        fitted = self.encoder.known_features
         self.head = nn.Parameter(torch.zeros(3 + features + fitted + 3, 3))
         self.base = nn.Buffer(torch.zeros_like(self.head))
         self.register_buffer("step_scale", torch.tensor(step_scale, dtype=torch.float32))
         with torch.no_grad():
             self.head.normal_(0.0, 0.02)
-            if quadratic is not None and fitted:
-                # The quadratic features predict the increments; all else starts at zero.
+            if fitted:
+                # These features predict the increments; all else starts at zero.
                 self.head.zero_()
-                self.base[3 + features : 3 + features + fitted] = torch.eye(fitted)
+                self.base[3 + features : 6 + features] = torch.eye(3)
+        self.mask = nn.Buffer(torch.ones_like(self.head))
+        if single is not None:
+            # Beyond the training data only the single-track model counts.
+            self.mask[:3] = 0.0
+            self.mask[-3:] = 0.0
 
     def roll_out(self, x_past: Tensor, u_past: Tensor, u_ahead: Tensor) -> Tensor:
         """
@@ -146,7 +195,7 @@ class Network(nn.Module):
             row = torch.cat([x_row, u, u_row], dim=1) if self.history else x_row
             features = self.encoder(row)
             phi = torch.cat([now, features, u, ones], dim=1)
-            new = now + (phi @ (self.base + self.head)) * self.step_scale
+            new = now + (phi @ (self.base + self.mask * self.head)) * self.step_scale
             out.append(new)
             if self.history:
                 x_row = torch.cat([new, x_row[:, :-3]], dim=1)

@@ -23,6 +23,7 @@ from torch import Tensor
 
 from adk_ros.errors import DataError, UsageError
 from adk_ros.model.lifting.scaling import Scaling
+from adk_ros.model.lifting.single_track import SINGLE_TRACK_FEATURES
 from adk_ros.numerics.arrays import FloatArray, IntArray
 from adk_ros.signals.channels import TICK_NS, Record
 from adk_ros.signals.score import reference_noise
@@ -30,6 +31,7 @@ from adk_ros.train import checkpoint
 from adk_ros.train.dataset import Sequences, sequences
 from adk_ros.train.network import Network, as_tensor
 from adk_ros.train.quadratic_features import QuadraticFeatures, Rows, fit_quadratic, newest
+from adk_ros.train.single_track_fit import SingleTrack, fit_single_track, single_track_loss
 from adk_ros.train.speed_augmentation import scale_to_higher_speeds
 from adk_ros.train.train_settings import TrainSettings
 from adk_ros.train.windows import TrainingWindows
@@ -54,6 +56,10 @@ _QUADRATIC_ACCEPT_LOSS = 0.15
 Quadratic features are kept if their validation loss before training is below this; 1 is
 persistence. On recordings resampled from another rate they fit the resampling, and their rollouts
 diverge on new manoeuvres. Empirical, not calibrated.
+"""
+_SINGLE_TRACK_ACCEPT_LOSS = 0.5
+"""
+The single-track model is used if its validation loss is below this; 1 is persistence. By choice.
 """
 _NOISE_SHARE, _MIN_NOISE = 0.45, 0.02
 """
@@ -90,6 +96,7 @@ class FittedNetwork:
     best_step: int
     stopped_early: bool
     unaugmented: tuple[str, ...] = ()
+    single_track: SingleTrack | None = None
 
     @property
     def unaugmented_text(self) -> str:
@@ -188,13 +195,22 @@ def fit(
     data = _Data(part, scaling, device)
     validation_data = _Data(validation_set, scaling, device)
 
+    single = None
+    if settings.single_track:
+        single = single_track_of(part, validation_set, scaling)
+
     def trainer_of(quadratic: QuadraticFeatures | None) -> _Trainer:
         torch.manual_seed(settings.seed)
         share, noise = 1.0, np.full(3, settings.noise)
         if quadratic is not None:
             share, noise = _WIDTH_WITH_QUADRATIC, input_noise(train, scaling, settings.noise)
         hidden, features = (max(1, int(share * n)) for n in (settings.hidden, settings.features))
-        network = Network(settings.history, hidden, features, scaling.step_scale, quadratic)
+        if single is not None:
+            features = max(1, settings.features - SINGLE_TRACK_FEATURES)
+        beside = single and single.beside(quadratic is not None)
+        network = Network(
+            settings.history, hidden, features, scaling.step_scale, quadratic, beside
+        )
         return _Trainer(network.to(device), data, validation_data, settings, noise, windows)
 
     quadratic = None
@@ -209,7 +225,9 @@ def fit(
         key += windows.key
     curve, best_step, early = trainer.run(key, checkpoint_path, on_step)
     unaugmented = () if quadratic is None else quadratic.unaugmented
-    return FittedNetwork(trainer.network.to("cpu"), scaling, curve, best_step, early, unaugmented)
+    return FittedNetwork(
+        trainer.network.to("cpu"), scaling, curve, best_step, early, unaugmented, single
+    )
 
 
 def scaling_of(part: Sequences) -> Scaling:
@@ -217,6 +235,21 @@ def scaling_of(part: Sequences) -> Scaling:
     change = np.diff(part.x_ref, axis=0)
     change = change[np.isfinite(change).all(axis=1)]
     return Scaling.standard(part.x[part.rows], part.u[part.rows], change)
+
+
+def single_track_of(
+    part: Sequences, validation: Sequences, scaling: Scaling
+) -> SingleTrack | None:
+    """
+    Return the single-track model of a part, or None if it does not predict the validation part.
+
+    That is, if its loss is not below half of that of persistence.
+    """
+    single = fit_single_track(part, scaling)
+    if single is None:
+        return None
+    loss = single_track_loss(single, validation, validation.ahead)
+    return single if float(np.mean(loss)) < _SINGLE_TRACK_ACCEPT_LOSS else None
 
 
 def quadratic_features_of(
@@ -259,7 +292,7 @@ class _Trainer:
         self.network, self.data, self.settings = network, data, settings
         self.windows, self._window = windows, 0
         self.validation = validation
-        self.has_quadratic = network.encoder.level.shape[0] > 0
+        self.has_quadratic = network.encoder.known_features > 0
         longest = max(settings.short_steps, settings.long_steps)
         self.weight = 1.0 / data.persistence(longest)
         self.optimiser = torch.optim.AdamW(

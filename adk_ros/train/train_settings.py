@@ -28,9 +28,10 @@ class TrainSettings:
     least squares (`quadratic_features`) if they fit the data; the network is then trained at a
     quarter of the learning rate, with noise matched to the data. `speed_augmentation`: fit them to
     rows augmented to higher speeds as well, in the equations that the data do not contradict
-    (`augmented_regression`). `weight_decay`: of AdamW; without it a recording of three laps is
-    overfitted. `patience`: validations without
-    improvement before early stopping, not in the first stage. `device`: auto, cpu or cuda.
+    (`augmented_regression`). `single_track`: beyond the training data, pass over to a single-track
+    model (`single_track_fit`) if it predicts the validation part. `weight_decay`: of AdamW;
+    without it a recording of three laps is overfitted. `patience`: validations without improvement
+    before early stopping, not in the first stage. `device`: auto, cpu or cuda.
 
     :raises UsageError: a value is out of range.
     """
@@ -48,6 +49,7 @@ class TrainSettings:
     noise: float = 0.25
     quadratic: bool = True
     speed_augmentation: bool = True
+    single_track: bool = False
     patience: int = 6
     validate_every: int = 200
     seed: int = 0

@@ -49,6 +49,7 @@ _SETTINGS = {
     "noise": "noise added to past states, in standard deviations of the increment per tick",
     "quadratic": "quadratic features, if they fit; width and features are then 3/4 of the above",
     "speed_augmentation": "quadratic features fitted to rows at higher speeds as well",
+    "single_track": "single-track model beyond the training data, if it predicts validation data",
     "patience": "validations without improvement before early stopping",
     "validate_every": "training steps between validations",
     "seed": "random seed",

@@ -163,6 +163,7 @@ def train_on_split(
             "best_step": trained.best_step,
             "stopped_early": trained.stopped_early,
             "unaugmented": list(trained.unaugmented),
+            "single_track": trained.single_track and trained.single_track.as_json(),
         }
     artefact.save(out, built.program, model, facts)
     for path in (checkpoint, first_checkpoint):

@@ -17,11 +17,13 @@ from adk_ros.model.koopman import KoopmanModel
 from adk_ros.model.lifting.encoder import Lifting, input_size
 from adk_ros.model.lifting.encoder_kernels import EncoderArrays
 from adk_ros.model.lifting.scaling import Scaling
+from adk_ros.model.lifting.single_track import SingleTrackParameters
 from adk_ros.model.prediction import Prediction
 from adk_ros.model.predictor import Predictor
 from adk_ros.signals.channels import TICK_NS, Flag, Sample
 from adk_ros.train.network import Encoder, Lift, to_torchscript
 from adk_ros.train.quadratic_features import QuadraticFeatures, input_columns
+from adk_ros.train.single_track_fit import SingleTrack, single_track_arrays
 
 Array = npt.NDArray[np.float64]
 START_NS = 68_000_000_000 * TICK_NS
@@ -29,16 +31,48 @@ HISTORY, FEATURES = 2, 4
 
 
 @functools.cache
-def program(history: int = HISTORY, features: int = FEATURES, hidden: int = 8) -> bytes:
-    """A TorchScript encoder with random weights, of the form that can be compiled."""
+def program(
+    history: int = HISTORY,
+    features: int = FEATURES,
+    hidden: int = 8,
+    is_quadratic: bool | None = None,
+) -> bytes:
+    """
+    A TorchScript encoder with random weights, of the form that can be compiled.
+
+    `is_quadratic`: with a single-track model, see `car_model`; None: without one.
+    """
+    single = None if is_quadratic is None else car_model(history, is_quadratic)
     with torch.random.fork_rng():
         torch.manual_seed(0)
-        return to_torchscript(random_lift(history, hidden, features))
+        return to_torchscript(random_lift(history, hidden, features, single))
 
 
-def random_lift(history: int, hidden: int, features: int) -> Lift:
-    """An encoder with torch's random weights; of two or more features the last is quadratic."""
+CAR = SingleTrackParameters(1.2, 1.5, 13.0, 15.0, 0.9, 0.95, 0.55, 0.0015, 0.1, 3e-4, 0.2, 5.0)
+
+
+def car_model(history: int, is_quadratic: bool = True) -> SingleTrack:
+    """A single-track model whose training data end within what `slalom` drives."""
+    limits = np.array([
+        [14.0, -300.0, -0.06, -0.05, -0.05, -3.0],
+        [19.0, 500.0, 0.06, 0.05, 0.05, 3.0],
+        [2.0, 0.0125, 80.0, 100.0, 100.0, 1.6],
+    ])  # fmt: skip
+    single = single_track_arrays(CAR, (0.05, 0.08), limits, SCALING, history)
+    return single.beside(is_quadratic)
+
+
+def random_lift(
+    history: int, hidden: int, features: int, single: SingleTrack | None = None
+) -> Lift:
+    """
+    An encoder with torch's random weights; of two or more features the last is quadratic.
+
+    With a single-track model the last six are its own, and three of them also quadratic.
+    """
     columns, k = input_columns(history), int(features > 1)
+    if single is not None:
+        k, features = 3, features - 3
 
     def normal(*shape: int) -> npt.NDArray[np.float32]:
         values: npt.NDArray[np.float32] = torch.randn(*shape).numpy()
@@ -48,7 +82,8 @@ def random_lift(history: int, hidden: int, features: int) -> Lift:
     reach, directions = np.full(n, 1.5, np.float32), np.zeros((n, 5), np.float32)
     directions[columns] = 0.3 * normal(columns.size, 5)
     forms = QuadraticFeatures(reach, directions, 0.3 * normal(5, k), 0.1 * normal(n, k), normal(k))
-    encoder = Encoder(history, hidden, features - k, forms)
+    encoder = Encoder(history, hidden, features - k, forms, single)
+    features += 3 * (single is not None)
     return Lift(encoder, torch.zeros(features), torch.ones(features))
 
 
@@ -58,6 +93,12 @@ def weights(lift: Lift) -> EncoderArrays:
     given: dict[str, Any] = {name: value.numpy() for name, value in lift.state_dict().items()}
     given["input_bound"] = given["reach"]
     given |= {"columns": columns, "directions": given["directions"][columns]}
+    empty = {"car": np.zeros(0), "command_filter": np.zeros((len(given["w1"]), 2))}
+    empty |= {"limits": np.zeros((3, 6))}
+    for name, value in empty.items():
+        stored = given.get(f"single_track.{name}", value)
+        given[name] = stored if name == "command_filter" else stored.astype(np.float64)
+    given["command_filter"] = given["command_filter"].astype(np.float32)
     return EncoderArrays(**{name: given[name] for name in EncoderArrays._fields})
 
 
@@ -91,12 +132,16 @@ def make_model(**changes: Any) -> KoopmanModel:
     compiled = changes.pop("compiled", True)
     affine = changes.get("affine", True)
     residual = changes.get("residual", True)
-    lifting = Lifting(program(history, features), input_size(history), features)
+    single = changes.pop("is_quadratic", None)
+    encoder = program(history, features, is_quadratic=single)
+    lifting = Lifting(encoder, input_size(history), features)
     if not compiled:
         lifting.compiled = None
     random = np.random.default_rng(0)
     n_z = 3 + features
     theta0 = random.normal(0.0, 0.02, (n_z, n_z + 2 + affine))
+    if single is not None:
+        theta0[:3, n_z - 6 : n_z - 3] += np.eye(3)
     if not residual:
         theta0[:, :n_z] += 0.95 * np.eye(n_z)
     steps = np.arange(1, 81)[:, None, None]

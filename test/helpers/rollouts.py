@@ -29,6 +29,8 @@ MODELS: dict[str, Callable[[], KoopmanModel]] = {
     "naive": lambda: make_model(mean_square_change=MONITORED, fallback=fallback()),
     "TorchScript": lambda: make_model(compiled=False, fallback=fallback()),
     "recursive": lambda: make_model(online=OnlineSettings("ffrls")),
+    "single-track": lambda: make_model(features=8, is_quadratic=True),
+    "single-track only": lambda: make_model(history=5, features=7, is_quadratic=False),
     "paper": paper_model,
     "paper, naive": lambda: paper_model(fallback=fallback()),
 }

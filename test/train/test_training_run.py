@@ -10,11 +10,13 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from helpers.train import SMALL, lines, record, small
 
 from adk_ros.errors import DataError, UsageError
 from adk_ros.model import artefact
+from adk_ros.model.evaluation import rollout_record
 from adk_ros.signals.channels import Record
 from adk_ros.signals.decode import SensorConfig
 from adk_ros.train import network_fit
@@ -159,3 +161,26 @@ def test_the_small_model_is_good_for_something() -> None:
     test = small().run.test
     assert test is not None
     assert (test.ratio[3] < [0.2, 0.9, 0.3]).all()
+
+
+def test_beyond_its_range_a_single_track_model_counts(tmp_path: Path) -> None:
+    """Trained on the fast half of a drive, tested on its slow half."""
+    whole_drive = record("handling", 300.0)
+    fast = whole_drive.x[:, 0] > 12.0
+    episode = np.cumsum(np.concatenate([[False], np.diff(fast.astype(int)) != 0]))
+    trained = replace(whole_drive, episode=episode).rows(fast)
+    ratios = {}
+    for single_track in (False, True):
+        folder = tmp_path / str(single_track)
+        settings = replace(SHORT, steps=100, single_track=single_track)
+        run = run_training([trained], folder, settings)
+        model = artefact.load(folder).model
+        assert model.lifting.compiled is not None
+        assert (model.lifting.compiled.car.size > 0) == single_track
+        stored = run.facts["single_track"]
+        assert (stored is None) != single_track
+        rolled = rollout_record(model, whole_drive, None, ~fast, 40, 10)
+        error = rolled.predicted[:, -1] - whole_drive.x_ref[rolled.rows + 40]
+        ratios[single_track] = np.sqrt(np.nanmean(error**2, axis=0))
+    # v_y and yaw rate, 1 s ahead.
+    assert (ratios[True][1:] < 0.7 * ratios[False][1:]).all(), ratios

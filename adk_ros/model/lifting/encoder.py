@@ -32,6 +32,11 @@ from adk_ros.errors import UsageError
 from adk_ros.model.lifting.encoder_kernels import EncoderArrays, perceptron
 from adk_ros.model.lifting.program_cost import check_cost
 from adk_ros.model.lifting.program_grammar import check_program
+from adk_ros.model.lifting.single_track import (
+    CAR_SIZE,
+    RANGE_QUANTITIES,
+    SINGLE_TRACK_FEATURES,
+)
 from adk_ros.numerics.arrays import Float32Array
 
 _WARM_UP_CALLS = 30
@@ -41,8 +46,14 @@ _COMPILED_TOLERANCE = 1e-4
 Largest difference, relative or absolute, between compiled and TorchScript features; 7e-6 is
 expected.
 """
-_STORED_NAMES = {"reach": "input_bound"}
+_STORED_NAMES = {
+    "reach": "input_bound",
+    "single_track.car": "car",
+    "single_track.command_filter": "command_filter",
+    "single_track.limits": "limits",
+}
 """Buffer name in the TorchScript programs of model folders -> field of `EncoderArrays`."""
+_SINGLE_TRACK_NAMES = ("car", "command_filter", "limits")
 _PERCEPTRON_NAMES = ("w1", "b1", "w2", "b2", "w3", "b3", "skip")
 """Parameters of an encoder without quadratic features."""
 
@@ -155,6 +166,12 @@ class Lifting:
         if set(parameters) == set(_PERCEPTRON_NAMES):
             unbounded = torch.full((n_in,), float("inf"))
             parameters |= {"input_bound": unbounded, "directions": torch.zeros(n_in, 0)}
+        if not set(parameters) & set(_SINGLE_TRACK_NAMES):
+            parameters |= {
+                "car": torch.zeros(0),
+                "command_filter": torch.zeros(n_in, 2),
+                "limits": torch.zeros(3, RANGE_QUANTITIES),
+            }
         if set(parameters) != set(EncoderArrays._fields) - {"columns"}:
             return None
         directions = parameters["directions"]
@@ -168,19 +185,25 @@ class Lifting:
             for name, values in parameters.items()
         }
         arrays["columns"] = columns.numpy().astype(np.int64)
+        for name in ("car", "limits"):
+            arrays[name] = arrays[name].astype(np.float64)
         encoder = EncoderArrays(**arrays)
         hidden, squares = encoder.w1.shape[-1], encoder.directions.shape[-1]
+        known = SINGLE_TRACK_FEATURES + 1 + n_in if encoder.car.size else 0
         if [array.shape for array in encoder] != [
             (n_in, hidden),
             (hidden,),
             (hidden, hidden),
             (hidden,),
-            (hidden + squares, n_features),
+            (hidden + squares + known, n_features),
             (n_features,),
             (n_in, n_features),
             encoder.columns.shape,
             (n_in,),
             (*encoder.columns.shape, squares),
+            (CAR_SIZE if known else 0,),
+            (n_in, 2),
+            (3, RANGE_QUANTITIES),
         ]:
             return None
         probes = np.random.default_rng(0).normal(0.0, 1.5, (16, n_in)).astype(np.float32)

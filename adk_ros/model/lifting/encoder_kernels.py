@@ -17,15 +17,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from adk_ros.model.lifting.rational_tanh import rational_tanh
+from adk_ros.model.lifting.single_track import single_track_features
 from adk_ros.numerics.arrays import Float32Array, FloatArray
 from adk_ros.numerics.float32_sums import add_product
 from adk_ros.numerics.numba_cache import inlined_kernel, ordered_kernel, strict_kernel
-
-_single = np.float32
-_TANH_CLIP = _single(-6.3)
-"""Arguments of tanh are clipped at +-6.3, where the approximant reaches 1 within float32."""
-_P0, _P1, _P2, _P3 = (_single(v) for v in (34459425, 4729725, 135135, 990))
-_Q1, _Q2, _Q3, _Q4 = (_single(v) for v in (16216200, 945945, 13860, 45))
 
 
 class EncoderArrays(NamedTuple):
@@ -36,6 +32,11 @@ class EncoderArrays(NamedTuple):
     `columns` (c,): columns of the row that enter the quadratic features; `directions` (c, q).
     `input_bound` (n,): the row is clamped to +-input_bound before the layers and the quadratic
     features, not before the skip path. float32, except int64 `columns`.
+
+    With a single-track model (`single_track`), otherwise empty: `car` (24,), its parameters and
+    scales, float64; `command_filter` (n, 2), torque and steering that its actuators leave of the
+    commands; `limits` (3, 6) of the training data, float64. All that is learned is then multiplied
+    by its weight w, and `w3` has rows for [w hidden; w squares; its features (6); w; w row].
     """
 
     w1: Float32Array
@@ -48,33 +49,13 @@ class EncoderArrays(NamedTuple):
     columns: NDArray[np.int64]
     input_bound: Float32Array
     directions: Float32Array
+    car: FloatArray
+    command_filter: Float32Array
+    limits: FloatArray
 
     def scratch(self) -> Float32Array:
         """Return an array for `perceptron` to work in."""
-        (n_in, hidden), squares = self.w1.shape, self.directions.shape[-1]
-        return np.empty((2, hidden + squares + n_in), dtype=np.float32)
-
-
-@inlined_kernel
-def rational_tanh(x: Any) -> Any:
-    """Return the Pade approximant of tanh, order 9/8, of a float32: error below 7e-6."""
-    x = min(max(x, _TANH_CLIP), -_TANH_CLIP)
-    s = x * x
-    numerator = x * (_P0 + s * (_P1 + s * (_P2 + s * (_P3 + s))))
-    return numerator / (_P0 + s * (_Q1 + s * (_Q2 + s * (_Q3 + s * _Q4))))
-
-
-@ordered_kernel
-def rational_tanh_slope(x: float) -> float:
-    """Return the derivative of `rational_tanh`; zero where it is clipped."""
-    if not abs(x) < -_TANH_CLIP:
-        return 0.0
-    s = x * x
-    above = _P0 + s * (_P1 + s * (_P2 + s * (_P3 + s)))
-    below = _P0 + s * (_Q1 + s * (_Q2 + s * (_Q3 + s * _Q4)))
-    above_slope = _P1 + s * (2.0 * _P2 + s * (3.0 * _P3 + 4.0 * s))
-    below_slope = _Q1 + s * (2.0 * _Q2 + s * (3.0 * _Q3 + 4.0 * s * _Q4))
-    return float((above + 2.0 * s * (above_slope - above / below * below_slope)) / below)
+        return np.empty((2, self.w3.shape[0] + self.w1.shape[0]), dtype=np.float32)
 
 
 @inlined_kernel
@@ -98,7 +79,7 @@ def penultimate_activations(
     row: Float32Array, encoder: EncoderArrays, first: Float32Array, out: Float32Array
 ) -> None:
     """
-    Write the second hidden layer and the q squares to `out` (>= h + q,).
+    Write all that `w3` has rows for to `out`: second hidden layer, the q squares, and the rest.
 
     `first` (>= h + n,) is scratch memory.
     """
@@ -116,6 +97,27 @@ def penultimate_activations(
     add_product(squares, encoder.directions, first)
     for j in range(encoder.directions.shape[1]):
         squares[j] = squares[j] * squares[j]
+    if encoder.car.shape[0] > 0:
+        add_single_track(row, encoder, out)
+
+
+@inlined_kernel
+def add_single_track(row: Float32Array, encoder: EncoderArrays, out: Float32Array) -> None:
+    """Weight the layer and the squares in `out`, and write features, weight and weighted row."""
+    learned = encoder.b2.shape[0] + encoder.directions.shape[1]
+    torque, delta = 0.0, 0.0
+    for i in range(3, row.shape[0]):
+        torque += encoder.command_filter[i, 0] * row[i]
+        delta += encoder.command_filter[i, 1] * row[i]
+    f = single_track_features(row[0], row[1], row[2], torque, delta, encoder.car, encoder.limits)
+    weight = np.float32(f[6])
+    for i in range(learned):
+        out[i] *= weight
+    rest = out[learned:]
+    rest[0], rest[1], rest[2], rest[3], rest[4], rest[5] = f[0], f[1], f[2], f[3], f[4], f[5]
+    rest[6] = weight
+    for i in range(row.shape[0]):
+        rest[7 + i] = weight * row[i]
 
 
 @ordered_kernel

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from adk_ros.errors import UsageError
-from adk_ros.model.lifting.program_grammar import JOINING, PRODUCTS, operator
+from adk_ros.model.lifting.program_grammar import JOINING, PRODUCTS, SELECTING, operator
 
 _MAX_ELEMENTS = 1 << 20
 """Elements of a result, 4 MB: those of the default model have at most 1224."""
@@ -172,6 +172,13 @@ def _result(name: str, arguments: list[Any]) -> tuple[_Shape, int]:
         dim = int(arguments[1]) if len(arguments) > 1 else 0
         sizes = list(parts[0])
         sizes[dim] = sum(part[dim] for part in parts)
+        return _Shape(tuple(sizes)), 0
+    if name in SELECTING:
+        # slice(a, dim, start, end, step), each but the first with a default
+        sizes = list(shapes[0])
+        given = (*arguments[1:], *(0, None, None, 1)[len(arguments) - 1 :])
+        dim, start, end, step = given
+        sizes[dim] = len(range(sizes[dim])[start:end:step])
         return _Shape(tuple(sizes)), 0
     if name in PRODUCTS:
         # addmm(c, a, b) = c + a b, linear(a, b, c) = a b' + c

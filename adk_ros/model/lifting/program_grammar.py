@@ -20,11 +20,13 @@ from adk_ros.model.lifting.program_data import check_data
 
 PRODUCTS = frozenset({"addmm", "linear", "matmul", "mm"})
 JOINING = frozenset({"cat"})
+SELECTING = frozenset({"slice"})
 ELEMENTWISE = frozenset({
     "abs", "add", "clamp", "cos", "div", "elu", "exp", "gelu", "leaky_relu", "maximum", "minimum",
-    "mul", "neg", "relu", "sigmoid", "silu", "sin", "softplus", "sqrt", "sub", "tanh",
+    "mul", "neg", "reciprocal", "relu", "rsub", "sigmoid", "silu", "sin", "softplus", "sqrt",
+    "sub", "tanh",
 })  # fmt: skip
-OPERATORS = PRODUCTS | JOINING | ELEMENTWISE
+OPERATORS = PRODUCTS | JOINING | SELECTING | ELEMENTWISE
 """Operators of `torch` that an encoder may call; `program_cost` knows the shapes they return."""
 _METHODS = {"forward", "__len__"}
 _STATEMENTS = (ast.Assign, ast.AnnAssign, ast.Return, ast.If, ast.Pass)

@@ -20,8 +20,9 @@ from adk_ros.model.estimation.observer import ScalingArrays
 from adk_ros.model.lifting.encoder_kernels import (
     EncoderArrays,
     pack_encoder_input,
-    rational_tanh,
 )
+from adk_ros.model.lifting.rational_tanh import rational_tanh
+from adk_ros.model.lifting.single_track import single_track_features
 from adk_ros.model.uncertainty.compiled_rollout import (
     MAX_SCALED_STATE,
     FoldedLayer,
@@ -139,7 +140,7 @@ def activations(block: BlockArrays, encoder: EncoderArrays) -> None:
     fill_rows(block.second, encoder.b2)
     add_lane_product(block.second, encoder.w2, block.first)
     activate(block.second, n_hidden)
-    squares = block.second[n_hidden:]
+    squares = block.second[n_hidden : n_hidden + encoder.directions.shape[1]]
     for i in range(encoder.columns.shape[0]):
         column = encoder.columns[i]
         for lane in range(lanes):
@@ -150,6 +151,42 @@ def activations(block: BlockArrays, encoder: EncoderArrays) -> None:
     add_lane_product(squares, encoder.directions, block.chosen)
     for i in range(values.shape[0]):
         values[i] = values[i] * values[i]
+    if encoder.car.shape[0] > 0:
+        add_single_track_lanes(block, encoder)
+
+
+@ordered_kernel
+def add_single_track_lanes(block: BlockArrays, encoder: EncoderArrays) -> None:
+    """Run `add_single_track` in each lane."""
+    learned, lanes = encoder.b2.shape[0] + encoder.directions.shape[1], block.u.shape[1]
+    row, second = block.row, block.second
+    rest = second[learned:]
+    commands = np.zeros((2, lanes))
+    for i in range(3, row.shape[0]):
+        of_torque, of_delta = encoder.command_filter[i, 0], encoder.command_filter[i, 1]
+        if of_torque != 0.0 or of_delta != 0.0:
+            for lane in range(lanes):
+                commands[0, lane] += of_torque * row[i, lane]
+                commands[1, lane] += of_delta * row[i, lane]
+    for lane in range(lanes):
+        f = single_track_features(
+            row[0, lane],
+            row[1, lane],
+            row[2, lane],
+            commands[0, lane],
+            commands[1, lane],
+            encoder.car,
+            encoder.limits,
+        )
+        rest[0, lane], rest[1, lane], rest[2, lane] = f[0], f[1], f[2]
+        rest[3, lane], rest[4, lane], rest[5, lane] = f[3], f[4], f[5]
+        rest[6, lane] = f[6]
+    for i in range(learned):
+        for lane in range(lanes):
+            second[i, lane] *= rest[6, lane]
+    for i in range(row.shape[0]):
+        for lane in range(lanes):
+            rest[7 + i, lane] = rest[6, lane] * row[i, lane]
 
 
 @ordered_kernel

@@ -14,9 +14,9 @@ import numpy as np
 
 from adk_ros.model.lifting.encoder_kernels import (
     EncoderArrays,
-    rational_tanh,
-    rational_tanh_slope,
 )
+from adk_ros.model.lifting.rational_tanh import rational_tanh, rational_tanh_slope
+from adk_ros.model.lifting.single_track import SINGLE_TRACK_FEATURES, single_track_derivative
 from adk_ros.model.uncertainty.compiled_rollout import MAX_SCALED_STATE, FoldedLayer, StepForm
 from adk_ros.model.uncertainty.motion_limits import (
     MIN_LIMITED_SPEED,
@@ -24,6 +24,28 @@ from adk_ros.model.uncertainty.motion_limits import (
 )
 from adk_ros.numerics.arrays import FloatArray
 from adk_ros.numerics.numba_cache import ordered_kernel
+
+
+@ordered_kernel
+def single_track_jacobian(
+    row: FloatArray, encoder: EncoderArrays, values: FloatArray, by_row: FloatArray
+) -> None:
+    """
+    Write the features and the weight of the single-track model (7,) and their derivative (7, n).
+    """
+    point = np.zeros(5)
+    point[:3] = row[:3]
+    for i in range(3, row.shape[0]):
+        for c in range(2):
+            point[3 + c] += encoder.command_filter[i, c] * row[i]
+    slopes = np.empty((SINGLE_TRACK_FEATURES + 1, 5))
+    single_track_derivative(point, encoder.car, encoder.limits, values, slopes)
+    by_row[:] = 0.0
+    for k in range(SINGLE_TRACK_FEATURES + 1):
+        by_row[k, :3] = slopes[k, :3]
+        for i in range(3, row.shape[0]):
+            for c in range(2):
+                by_row[k, i] += slopes[k, 3 + c] * encoder.command_filter[i, c]
 
 
 @ordered_kernel
@@ -63,12 +85,19 @@ def lift_jacobian(
         for j in range(n_squares):
             squared[j] += encoder.directions[i, j] * clamped[encoder.columns[i]]
     values, back, inner = np.zeros(3), np.empty(n_hidden), np.empty(n)
+    known, weight = np.zeros(SINGLE_TRACK_FEATURES + 1), 1.0
+    by_row = np.zeros((SINGLE_TRACK_FEATURES + 1, n))
+    if encoder.car.shape[0] > 0:
+        single_track_jacobian(row, encoder, known, by_row)
+        weight = known[SINGLE_TRACK_FEATURES]
     for c in range(3):
         weights = folded.w_hidden[c]
         for j in range(n_hidden):
             values[c] += weights[j] * second[j]
         for j in range(n_squares):
             values[c] += weights[n_hidden + j] * squared[j] * squared[j]
+        learned = values[c]
+        values[c] *= weight
         for i in range(n):
             values[c] += folded.w_skip[c, i] * row[i]
         for i in range(n_hidden):
@@ -86,7 +115,23 @@ def lift_jacobian(
                     2.0 * encoder.directions[i, j] * squared[j] * weights[n_hidden + j]
                 )
         for i in range(n):
-            jacobian[c, i] = folded.w_skip[c, i] + inside[i] * inner[i]
+            jacobian[c, i] = folded.w_skip[c, i] + weight * inside[i] * inner[i]
+        if encoder.car.shape[0] > 0:
+            # The rows of w3 after layer and squares: features, weight, weighted row.
+            rest = weights[n_hidden + n_squares :]
+            learned += rest[SINGLE_TRACK_FEATURES]
+            for i in range(n):
+                of_row = rest[SINGLE_TRACK_FEATURES + 1 + i]
+                learned += of_row * row[i]
+                jacobian[c, i] += weight * of_row
+            for i in range(n):
+                values[c] += rest[SINGLE_TRACK_FEATURES + 1 + i] * weight * row[i]
+                jacobian[c, i] += learned * by_row[SINGLE_TRACK_FEATURES, i]
+            values[c] += rest[SINGLE_TRACK_FEATURES] * weight
+            for k in range(SINGLE_TRACK_FEATURES):
+                values[c] += rest[k] * known[k]
+                for i in range(n):
+                    jacobian[c, i] += rest[k] * by_row[k, i]
     return values[0], values[1], values[2]
 
 

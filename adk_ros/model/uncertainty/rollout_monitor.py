@@ -247,31 +247,34 @@ def monitor_arrays(rows: IntArray) -> MonitorArrays:
             integers_1(rows, 7),
             singles_1(rows, 8),
             singles_2(rows, 9),
+            floats_1(rows, 10),
+            singles_2(rows, 11),
+            floats_2(rows, 12),
         ),
         RolloutSlots(
-            singles_2(rows, 10),
-            floats_2(rows, 11),
-            floats_3(rows, 12),
-            singles_3(rows, 13),
-            singles_3(rows, 14),
+            singles_2(rows, 13),
+            floats_2(rows, 14),
             floats_3(rows, 15),
-            integers_1(rows, 16),
-            floats_2(rows, 17),
+            singles_3(rows, 16),
+            singles_3(rows, 17),
             floats_3(rows, 18),
-            floats_4(rows, 19),
-            floats_4(rows, 20),
+            integers_1(rows, 19),
+            floats_2(rows, 20),
+            floats_3(rows, 21),
+            floats_4(rows, 22),
+            floats_4(rows, 23),
         ),
         RolloutStatistics(
-            floats_3(rows, 21), floats_2(rows, 22), floats_4(rows, 23), floats_3(rows, 24)
+            floats_3(rows, 24), floats_2(rows, 25), floats_4(rows, 26), floats_3(rows, 27)
         ),
         ConformalArrays(
-            floats_1(rows, 25), floats_3(rows, 26), floats_2(rows, 27), floats_3(rows, 28)
+            floats_1(rows, 28), floats_3(rows, 29), floats_2(rows, 30), floats_3(rows, 31)
         ),
-        floats_1(rows, 29),
-        floats_2(rows, 30),
-        floats_2(rows, 31),
-        singles_2(rows, 32),
-        NaiveStatistics(floats_3(rows, 33), floats_2(rows, 34), integers_1(rows, 35)),
+        floats_1(rows, 32),
+        floats_2(rows, 33),
+        floats_2(rows, 34),
+        singles_2(rows, 35),
+        NaiveStatistics(floats_3(rows, 36), floats_2(rows, 37), integers_1(rows, 38)),
     )
 
 

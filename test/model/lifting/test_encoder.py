@@ -54,10 +54,12 @@ def test_encoder_of_the_known_form_is_compiled() -> None:
     compiled = Lifting(program(), input_size(2), 4).compiled
     assert compiled is not None
     assert [array.shape for array in compiled] == [
-        (15, 8), (8,), (8, 8), (8,), (13, 4), (4,), (15, 4), (15,), (15,), (15, 5)
+        (15, 8), (8,), (8, 8), (8,), (13, 4), (4,), (15, 4), (15,), (15,), (15, 5),
+        (0,), (15, 2), (3, 6),
     ]  # fmt: skip
     assert [str(array.dtype) for array in compiled] == [
-        "int64" if name == "columns" else "float32" for name in compiled._fields
+        {"columns": "int64", "car": "float64", "limits": "float64"}.get(name, "float32")
+        for name in compiled._fields
     ]
     assert Lifting(plain_program(15), 15, 4).compiled is None
 

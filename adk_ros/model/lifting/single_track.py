@@ -1,0 +1,202 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+The single-track model in the lifting: what is known of a car beyond the training data.
+
+Per unit of mass, with the drive k T, the slip angles a and the axle loads N,
+
+    dv_x/dt = a_x - F_f sin(delta) + r v_y,    a_x = k T - c_0 v_x / v - c_2 v_x |v_x|
+    dv_y/dt = F_f cos(delta) + F_r - r v_x
+    dr/dt   = j (l_f F_f cos(delta) - l_r F_r)
+    a_f = (v_x delta - v_y - l_f r) / v,  a_r = (l_r r - v_y) / v,   v = max(|v_x|, v_0)
+    F = mu N sqrt(max(1 - (k T / mu g)^2, 1/4)) tanh(B a / mu),  N_f = g l_r / L - h a_x,
+    N_r = g l_f / L + h a_x
+
+(Rajamani, Vehicle Dynamics and Control, 2012, sections 2.3 and 13; a tanh saturates as the Magic
+Formula with shape factor 1). Torque and steering are those that a first-order lag leaves of the
+past commands, means over the tick. A tick is one step of the midpoint rule, for which v_0 is the
+smallest stable speed. Parameters are identified from the training data
+(`adk_ros.train.single_track_fit`).
+
+A learned feature is only known where there were data. Its weight
+
+    w = 1 / (1 + sum of e^2)^2
+
+falls with the distances e by which speed, torque, steering, slip angles and lateral acceleration
+lie outside the training data, in units of `RANGE_SOFTNESS` widths of their range.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from adk_ros.model.lifting.rational_tanh import rational_tanh
+from adk_ros.numerics.arrays import FloatArray
+from adk_ros.numerics.constants import GRAVITY
+from adk_ros.numerics.numba_cache import inlined_kernel, ordered_kernel
+from adk_ros.signals.score import TICK_S
+
+RANGE_SOFTNESS = 0.1
+"""Distance, in widths of the range, at which the weight of what is learned is a quarter."""
+FORCES = 3
+"""Features besides the increments: lateral forces of the axles, and the drive."""
+SINGLE_TRACK_FEATURES = 3 + FORCES
+RANGE_QUANTITIES = 6
+_MIN_GRIP = 0.25
+"""Square of the share of the lateral grip that a drive leaves at least; by choice."""
+
+
+class SingleTrackParameters(NamedTuple):
+    """
+    Parameters per unit of mass, SI: the first part of the vector `car` of an encoder.
+
+    `front`, `rear`: distances of the axles from the centre of gravity; `front_stiffness`,
+    `rear_stiffness`: B, cornering stiffness by load; `front_friction`, `rear_friction`: mu;
+    `yaw`: j, mass by yaw inertia; `drive`: k; `rolling`: c_0; `drag`: c_2; `transfer`: h, height
+    of the centre of gravity by wheelbase; `slowest`: v_0.
+    """
+
+    front: float
+    rear: float
+    front_stiffness: float
+    rear_stiffness: float
+    front_friction: float
+    rear_friction: float
+    yaw: float
+    drive: float
+    rolling: float
+    drag: float
+    transfer: float
+    slowest: float
+
+
+CAR_SIZE = len(SingleTrackParameters._fields) + 3 + 3 + 3 + 2 + 1
+"""
+Values of `car`: parameters, scaled increments by SI ones (3,), mean (3,) and scale (3,) of the
+state, mean (2,) of the command, and b of the increments' weight 1 - b w: 1 if quadratic features
+predict them where they are known, 0 if not.
+"""
+DIFFERENCE = 1e-5
+"""Step of central differences, about the cube root of the precision of float64."""
+
+
+@inlined_kernel
+def single_track_slope(v_x: Any, v_y: Any, rate: Any, torque: Any, delta: Any, car: Any) -> Any:
+    """Return the derivatives of the state, the forces of front and rear axle, and the drive."""
+    speed = max(abs(v_x), car[11])
+    front = (v_x * delta - v_y - car[0] * rate) / speed
+    rear = (car[1] * rate - v_y) / speed
+    drive = car[7] * torque
+    a_x = drive - car[8] * v_x / speed - car[9] * v_x * abs(v_x)
+    length = car[0] + car[1]
+    of_front, of_rear = drive / (car[4] * GRAVITY), drive / (car[5] * GRAVITY)
+    left_front = np.sqrt(max(1.0 - of_front * of_front, _MIN_GRIP))
+    left_rear = np.sqrt(max(1.0 - of_rear * of_rear, _MIN_GRIP))
+    load_front = GRAVITY * car[1] / length - car[10] * a_x
+    load_rear = GRAVITY * car[0] / length + car[10] * a_x
+    f_front = car[4] * load_front * left_front * rational_tanh(car[2] / car[4] * front)
+    f_rear = car[5] * load_rear * left_rear * rational_tanh(car[3] / car[5] * rear)
+    s = delta * delta
+    cos = 1.0 - s * (0.5 - s * (1.0 / 24.0))
+    sin = delta * (1.0 - s * (1.0 / 6.0 - s * (1.0 / 120.0)))
+    across = f_front * cos
+    return (
+        a_x - f_front * sin + rate * v_y,
+        across + f_rear - rate * v_x,
+        car[6] * (car[0] * across - car[1] * f_rear),
+        f_front,
+        f_rear,
+        drive,
+    )
+
+
+@inlined_kernel
+def single_track_change(v_x: Any, v_y: Any, rate: Any, torque: Any, delta: Any, car: Any) -> Any:
+    """Return the change of the state over a tick, SI, and the forces at its begin."""
+    half = 0.5 * TICK_S
+    s = single_track_slope(v_x, v_y, rate, torque, delta, car)
+    m = single_track_slope(
+        v_x + half * s[0], v_y + half * s[1], rate + half * s[2], torque, delta, car
+    )
+    return TICK_S * m[0], TICK_S * m[1], TICK_S * m[2], s[3], s[4], s[5]
+
+
+@inlined_kernel
+def excess(value: Any, limits: Any, k: Any) -> Any:
+    """Return the squared distance of a value from range k of `limits` (3, 6)."""
+    e = max(limits[0, k] - value, value - limits[1, k], 0.0) * limits[2, k]
+    return e * e
+
+
+@inlined_kernel
+def trained_share(
+    v_x: Any, v_y: Any, rate: Any, torque: Any, delta: Any, car: Any, limits: Any
+) -> Any:
+    """Return the weight w of what is learned; `limits` (3, 6): low, high, 1 / softness."""
+    speed = max(abs(v_x), car[11])
+    total = (
+        excess(v_x, limits, 0)
+        + excess(torque, limits, 1)
+        + excess(delta, limits, 2)
+        + excess((v_x * delta - v_y - car[0] * rate) / speed, limits, 3)
+        + excess((car[1] * rate - v_y) / speed, limits, 4)
+        + excess(v_x * rate, limits, 5)
+    )
+    return 1.0 / ((1.0 + total) * (1.0 + total))
+
+
+@inlined_kernel
+def single_track_features(
+    v_x: Any, v_y: Any, rate: Any, torque: Any, delta: Any, car: Any, limits: Any
+) -> Any:
+    """Return the six features of a scaled state and a filtered command, and the weight w."""
+    v_x = car[18] * v_x + car[15]
+    v_y = car[19] * v_y + car[16]
+    rate = car[20] * rate + car[17]
+    torque = torque + car[21]
+    delta = delta + car[22]
+    c = single_track_change(v_x, v_y, rate, torque, delta, car)
+    weight = trained_share(v_x, v_y, rate, torque, delta, car, limits)
+    left = 1.0 - car[23] * weight
+    return (
+        left * c[0] * car[12], left * c[1] * car[13], left * c[2] * car[14],
+        0.25 * c[3], 0.25 * c[4], 0.25 * c[5], weight,
+    )  # fmt: skip
+
+
+@ordered_kernel
+def single_track_derivative(
+    point: FloatArray, car: FloatArray, limits: FloatArray, values: FloatArray, slopes: FloatArray
+) -> None:
+    """
+    Write `single_track_features` (7,) at `point` (5,), and their derivatives (7, 5).
+
+    By central differences in float64, whose error is below 1e-9 of a value. `point` is a scaled
+    state and a filtered command.
+    """
+    f = single_track_features(point[0], point[1], point[2], point[3], point[4], car, limits)
+    for k in range(7):
+        values[k] = f[k]
+    for j in range(5):
+        kept = point[j]
+        step = DIFFERENCE * max(1.0, abs(kept))
+        point[j] = kept + step
+        f = single_track_features(point[0], point[1], point[2], point[3], point[4], car, limits)
+        point[j] = kept - step
+        g = single_track_features(point[0], point[1], point[2], point[3], point[4], car, limits)
+        point[j] = kept
+        for k in range(7):
+            slopes[k, j] = (f[k] - g[k]) / (2.0 * step)
+
+
+@ordered_kernel
+def single_track_batch(
+    points: FloatArray, car: FloatArray, limits: FloatArray, slopes: FloatArray
+) -> FloatArray:
+    """Return the features (b, 7) at `points` (b, 5); write their derivatives (b, 7, 5)."""
+    values = np.empty((len(points), 7))
+    for i in range(len(points)):
+        single_track_derivative(points[i], car, limits, values[i], slopes[i])
+    return values
