@@ -48,6 +48,10 @@ def confirm(
             help="also run the baseline libraries pykoop and pykoopman (needs `make peers`)"
         ),
     ] = True,
+    single_track: Annotated[
+        bool,
+        typer.Option("--single-track", help="train with it, see `adk train --single-track`"),
+    ] = False,
     jobs: Annotated[int, typer.Option(help="processes, one thread each")] = 2,
     resume: Annotated[
         bool, typer.Option("--resume", help="continue an interrupted run of the same code")
@@ -94,7 +98,7 @@ def confirm(
     if MULTI_BODY not in others:
         console.note(f"without {MULTI_BODY}: it needs `pip install commonroad-vehicle-models`")
     folder = out.with_name(f"{out.name}.part")
-    key = f"{digest} {chosen} {tests} {trainings} {quick} {peers} {others}"
+    key = f"{digest} {chosen} {tests} {trainings} {quick} {peers} {others} {single_track}"
     store = OutcomeStore.opened(folder, key, resume)
     shutil.rmtree(folder / "scenarios", ignore_errors=True)
     try:
@@ -103,14 +107,16 @@ def confirm(
                 drives = write_confirmation_drives(
                     folder / "scenarios", chosen, tests, bar, others
                 )
+            settings = TrainSettings(single_track=single_track)
             plan = BenchPlan(
-                quick=quick, seeds=1 if quick else trainings, tests=drives.tests, drives=drives,
-                left_out=("dk", "effect", "recording"), peers=peers, paper_epochs=_EPOCHS,
+                train=settings, quick=quick, seeds=1 if quick else trainings, tests=drives.tests,
+                drives=drives, left_out=("dk", "effect", "recording"), peers=peers,
+                paper_epochs=_EPOCHS,
             )  # fmt: skip
             if quick:
                 plan = replace(
                     plan, left_out=(*plan.left_out, "aldk", "tuned"),
-                    train=TrainSettings(steps=_QUICK_STEPS), stride=_QUICK_STRIDE,
+                    train=replace(settings, steps=_QUICK_STEPS), stride=_QUICK_STRIDE,
                     durations=cases.Durations(300.0, 40.0),
                 )  # fmt: skip
             check(plan)

@@ -79,8 +79,8 @@ def train(
     single_track: Annotated[
         bool,
         typer.Option(
-            help="beyond the training data, pass over to a single-track model with tyre forces "
-            "that is identified from them"
+            help="outside the range of the training data, blend into a single-track model with "
+            "tyre forces, identified from the same data"
         ),
     ] = False,
     seed: Annotated[int, typer.Option(help="the same seed and data give the same model")] = 0,

@@ -73,9 +73,11 @@ def assemble(trained: FittedNetwork, part: Sequences, uses_imu: bool) -> Assembl
     theta[:3] = _head(network, mean, spread).T
     theta[3:] = np.linalg.solve(phi.T @ phi + np.eye(phi.shape[1]), phi.T @ change).T
     free = network.mask[:, 0].numpy() > 0.0
-    # The constant compensates the means of the features.
-    free[-1] = True
-    refitted = _refit_output_layer(theta, phi, target / scaling.step_scale, free)
+    centre = np.zeros(phi.shape[1])
+    if not free[-1]:
+        # Without a constant of its own, which would count everywhere.
+        centre[3 : 3 + n_features] = (mean / spread).double().numpy()
+    refitted = _refit_output_layer(theta, phi, target / scaling.step_scale, free, centre)
     program = to_torchscript(lift)
     model = KoopmanModel(
         lifting=Lifting(program, input_size(network.history), n_features),
@@ -105,24 +107,31 @@ def _inputs(
 
 
 def _refit_output_layer(
-    theta: FloatArray, phi: FloatArray, target: FloatArray, free: BoolArray
+    theta: FloatArray,
+    phi: FloatArray,
+    target: FloatArray,
+    free: BoolArray,
+    centre: FloatArray,
 ) -> tuple[FloatArray, ...]:
     """
     Return copies of `theta` with the first three rows refitted, one for each of `_RIDGE_LEVELS`.
 
     Multi-step training leaves small one-step errors, which least squares removes. The ridge
-    penalises the difference from `theta`.
+    penalises the difference from `theta`. `free` (n_phi,): columns that change. `centre` (n_phi,):
+    what the columns of features lack to those that are zero where the encoder's are.
     """
     known = np.isfinite(target).all(axis=1)
     phi, target = phi[known], target[known]
-    rest = target - phi @ theta[:3].T
-    phi = phi[:, free]
-    right = phi.T @ rest
+    residual = target - phi @ theta[:3].T
+    phi = (phi + centre)[:, free]
+    right = phi.T @ residual
     result = []
     for level in _RIDGE_LEVELS:
         changed = theta.copy()
         ridge = level * len(phi) * np.eye(phi.shape[1])
-        changed[:3, free] += np.linalg.solve(phi.T @ phi + ridge, right).T
+        change = np.linalg.solve(phi.T @ phi + ridge, right).T
+        changed[:3, free] += change
+        changed[:3, -1] += change @ centre[free]
         result.append(changed)
     return tuple(result)
 

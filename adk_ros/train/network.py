@@ -29,7 +29,9 @@ class Encoder(nn.Module):
     Perceptron with two hidden tanh layers and a linear skip path: (b, n) -> (b, m + k).
 
     tanh is bounded, which rollouts need, and a single call in TorchScript. The last k features are
-    not trained: they are the `quadratic` features fitted by least squares.
+    not trained: they are the `quadratic` features fitted by least squares. With a single-track
+    model the last six are its increments, with the quadratic features added, and its forces; all
+    others, and the quadratic features, are multiplied by its weight w.
     """
 
     def __init__(
@@ -66,7 +68,7 @@ class Encoder(nn.Module):
         first = torch.tanh(torch.addmm(self.b1, inside, self.w1))
         second = torch.tanh(torch.addmm(self.b2, first, self.w2))
         learned = torch.addmm(torch.addmm(self.b3, second, self.w3), row, self.skip)
-        known = torch.zeros(1, 3)
+        known = row.new_zeros(1, 3)
         if self.level.shape[0]:
             seen = torch.mm(inside, self.directions)
             known = torch.addmm(self.level, seen * seen, self.weights)
@@ -79,7 +81,7 @@ class Encoder(nn.Module):
 
     @property
     def known_features(self) -> int:
-        """Features that predict the increments without training, and forces."""
+        """Number of features that are not trained."""
         if self.has_single_track:
             return SINGLE_TRACK_FEATURES
         return self.level.shape[0]
@@ -106,10 +108,8 @@ class Lift(nn.Module):
         self.has_single_track = encoder.has_single_track
         if encoder.has_single_track:
             # Rows for [w hidden; w squares; features of the single-track model; w; w row].
-            weighted, w3 = (
-                w3,
-                torch.zeros(learned + SINGLE_TRACK_FEATURES + 1 + skip.shape[0], len(mean)),
-            )
+            weighted = w3
+            w3 = torch.zeros(learned + SINGLE_TRACK_FEATURES + 1 + skip.shape[0], len(mean))
             last, wide = learned + SINGLE_TRACK_FEATURES, features + fitted
             w3[:learned, :wide], w3[last, :wide], w3[last + 1 :, :wide] = weighted, b3, skip
             w3[learned:last, features:] = torch.eye(SINGLE_TRACK_FEATURES)

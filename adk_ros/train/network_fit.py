@@ -31,7 +31,7 @@ from adk_ros.train import checkpoint
 from adk_ros.train.dataset import Sequences, sequences
 from adk_ros.train.network import Network, as_tensor
 from adk_ros.train.quadratic_features import QuadraticFeatures, Rows, fit_quadratic, newest
-from adk_ros.train.single_track_fit import SingleTrack, fit_single_track, single_track_loss
+from adk_ros.train.single_track_fit import SingleTrack, fit_single_track
 from adk_ros.train.speed_augmentation import scale_to_higher_speeds
 from adk_ros.train.train_settings import TrainSettings
 from adk_ros.train.windows import TrainingWindows
@@ -45,7 +45,7 @@ _VALIDATION_ROWS = 4096
 """Largest number of sequences in the validation loss, evenly spaced: limits its time."""
 _QUADRATIC_RATE = 0.25
 """
-Factor on the learning rate with quadratic features, which start near the solution. Empirical.
+Factor on the learning rate with fitted features, which start near the solution. Empirical.
 """
 _WIDTH_WITH_QUADRATIC = 0.75
 """
@@ -182,7 +182,7 @@ def fit(
     Train a network on `train` and return its state with the lowest loss on `validation`.
 
     A checkpoint of the same training at `checkpoint_path` is resumed. `windows`: further data, of
-    which `train` is the first window; scaling and quadratic features come from it.
+    which `train` is the first window; scaling and fitted features come from it.
     :raises DataError: too little data, or the training diverges.
     """
     torch.set_num_threads(1)
@@ -195,11 +195,9 @@ def fit(
     data = _Data(part, scaling, device)
     validation_data = _Data(validation_set, scaling, device)
 
-    single = None
-    if settings.single_track:
-        single = single_track_of(part, validation_set, scaling)
-
-    def trainer_of(quadratic: QuadraticFeatures | None) -> _Trainer:
+    def trainer_of(
+        quadratic: QuadraticFeatures | None, single: SingleTrack | None = None
+    ) -> _Trainer:
         torch.manual_seed(settings.seed)
         share, noise = 1.0, np.full(3, settings.noise)
         if quadratic is not None:
@@ -207,19 +205,22 @@ def fit(
         hidden, features = (max(1, int(share * n)) for n in (settings.hidden, settings.features))
         if single is not None:
             features = max(1, settings.features - SINGLE_TRACK_FEATURES)
-        beside = single and single.beside(quadratic is not None)
+        blended = single and single.with_quadratic(quadratic is not None)
         network = Network(
-            settings.history, hidden, features, scaling.step_scale, quadratic, beside
+            settings.history, hidden, features, scaling.step_scale, quadratic, blended
         )
         return _Trainer(network.to(device), data, validation_data, settings, noise, windows)
 
     quadratic = None
     if settings.quadratic:
         quadratic = quadratic_features_of(part, scaling, settings.speed_augmentation)
-    trainer = trainer_of(quadratic)
-    if quadratic is not None and not trainer.validate() < _QUADRATIC_ACCEPT_LOSS:
+    if quadratic is not None and not trainer_of(quadratic).validate() < _QUADRATIC_ACCEPT_LOSS:
         quadratic = None
-        trainer = trainer_of(None)
+    single = fit_single_track(part, scaling) if settings.single_track else None
+    # Before the training, its increments alone are predicted.
+    if single and not trainer_of(None, single).validate() < _SINGLE_TRACK_ACCEPT_LOSS:
+        single = None
+    trainer = trainer_of(quadratic, single)
     key = checkpoint.fingerprint(settings, [*train, *validation])
     if windows is not None:
         key += windows.key
@@ -235,21 +236,6 @@ def scaling_of(part: Sequences) -> Scaling:
     change = np.diff(part.x_ref, axis=0)
     change = change[np.isfinite(change).all(axis=1)]
     return Scaling.standard(part.x[part.rows], part.u[part.rows], change)
-
-
-def single_track_of(
-    part: Sequences, validation: Sequences, scaling: Scaling
-) -> SingleTrack | None:
-    """
-    Return the single-track model of a part, or None if it does not predict the validation part.
-
-    That is, if its loss is not below half of that of persistence.
-    """
-    single = fit_single_track(part, scaling)
-    if single is None:
-        return None
-    loss = single_track_loss(single, validation, validation.ahead)
-    return single if float(np.mean(loss)) < _SINGLE_TRACK_ACCEPT_LOSS else None
 
 
 def quadratic_features_of(
@@ -292,7 +278,7 @@ class _Trainer:
         self.network, self.data, self.settings = network, data, settings
         self.windows, self._window = windows, 0
         self.validation = validation
-        self.has_quadratic = network.encoder.known_features > 0
+        self.has_fitted_features = network.encoder.known_features > 0
         longest = max(settings.short_steps, settings.long_steps)
         self.weight = 1.0 / data.persistence(longest)
         self.optimiser = torch.optim.AdamW(
@@ -319,7 +305,7 @@ class _Trainer:
         """Return the learning rate: linear rise over the first tenth, then a cosine to zero."""
         share = step / self.settings.steps
         shape = share / 0.1 if share < 0.1 else 0.5 * (1 + math.cos(math.pi * (share - 0.1) / 0.9))
-        share = _QUADRATIC_RATE if self.has_quadratic else 1.0
+        share = _QUADRATIC_RATE if self.has_fitted_features else 1.0
         return self.settings.learning_rate * share * max(shape, 1e-3)
 
     def run(

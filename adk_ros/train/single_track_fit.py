@@ -21,7 +21,6 @@ from scipy.optimize import least_squares
 from adk_ros.model.lifting.encoder import input_size
 from adk_ros.model.lifting.scaling import Scaling
 from adk_ros.model.lifting.single_track import (
-    CAR_SIZE,
     RANGE_SOFTNESS,
     SingleTrackParameters,
     single_track_change,
@@ -33,8 +32,8 @@ from adk_ros.signals.score import TICK_S
 from adk_ros.train.dataset import Sequences
 
 _ROWS = 1500
-_AHEAD = 20
-_SCORED = (1, 4, 9, 19)
+"""Starts of rollouts, about 3 s of computing. By choice."""
+_SCORED = (2, 5, 10, 20)
 """Steps of a rollout that are compared, as spread as the scored horizons up to 0.5 s."""
 _PRIOR_ROWS = 1.5
 """Weight of the priors, in rows: they decide nothing that the data show."""
@@ -42,21 +41,24 @@ _LIMIT = 50.0
 """Largest error that counts, in units of persistence: a diverging rollout says no more."""
 _POSITIVE = (
     "front", "rear", "front_stiffness", "rear_stiffness", "front_friction", "rear_friction",
-    "yaw_ratio", "drive", "torque_lag", "steering_lag",
+    "yaw_ratio", "drive", "torque_lag", "steering_lag", "drag", "transfer",
 )  # fmt: skip
-_SIGNED = ("rolling", "drag", "transfer")
+_SIGNED = ("rolling",)
 _SPREAD = {
     "front": 0.3, "rear": 0.3, "front_stiffness": 0.7, "rear_stiffness": 0.7,
     "front_friction": 0.3, "rear_friction": 0.3, "yaw_ratio": 0.3, "drive": 1.0,
-    "torque_lag": 1.0, "steering_lag": 1.0, "rolling": 0.2, "drag": 5e-4, "transfer": 0.15,
+    "torque_lag": 1.0, "steering_lag": 1.0, "rolling": 0.2, "drag": 1.0, "transfer": 0.7,
 }  # fmt: skip
 """
 Standard deviations of the priors; of the positive ones, of their logarithm. By choice: road cars
 and tyres differ by as much.
 """
 _MIN_WIDTH = 1e-6
+"""Smallest width of a range, SI: a constant quantity must not be divided by zero."""
+_MIN_CHANGE = 1e-6
+"""In standard deviations, as in `network_fit`."""
 _CENTRAL = (0.1, 99.9)
-"""Percentiles of the training data within which everything learned counts."""
+"""Percentiles of the training data within which learned features count in full."""
 
 
 @dataclass(frozen=True)
@@ -64,7 +66,7 @@ class SingleTrack:
     """
     A single-track model for an encoder: `car` (24,), `command_filter` (n, 2), `limits` (3, 6).
 
-    float32; see `EncoderArrays`. `parameters`: the identified ones.
+    Stored as float32; see `EncoderArrays`. `parameters`: the identified ones.
     """
 
     car: NDArray[np.float32]
@@ -78,7 +80,7 @@ class SingleTrack:
         of_lags = {"torque_lag": self.lags[0], "steering_lag": self.lags[1]}
         return {k: float(f"{v:.6g}") for k, v in (self.parameters._asdict() | of_lags).items()}
 
-    def beside(self, quadratic: bool) -> SingleTrack:
+    def with_quadratic(self, quadratic: bool) -> SingleTrack:
         """Return one that leaves the trained range to quadratic features, or does not."""
         car = self.car.copy()
         car[-1] = float(quadratic)
@@ -130,12 +132,15 @@ def fit_single_track(part: Sequences, scaling: Scaling) -> SingleTrack | None:
     if part.history < 1:
         return None
     rows = _spread_rows(part)
-    ahead = min(_AHEAD, part.ahead)
+    scored = [step - 1 for step in _SCORED if step <= part.ahead]
+    if not scored:
+        return None
+    ahead = scored[-1] + 1
     start = part.x[rows]
     reference = part.x_ref[rows[:, None] + 1 + np.arange(ahead)]
     change = np.sqrt(np.nanmean((reference - start[:, None]) ** 2, axis=0))
-    unit = np.where(change > 1e-6, change, np.inf)
-    scored = [step for step in _SCORED if step < ahead]
+    # A channel that never changes is not measured.
+    unit = np.where(change > _MIN_CHANGE * scaling.x_scale, change, np.inf)
     first = _first_guess(part)
     spread = np.array([_SPREAD[name] for name in (*_POSITIVE, *_SIGNED)])
     begin = _packed(first)
@@ -143,11 +148,10 @@ def fit_single_track(part: Sequences, scaling: Scaling) -> SingleTrack | None:
 
     def residuals(values: FloatArray) -> FloatArray:
         parameters, lags = _unpacked(values)
-        car = np.zeros(CAR_SIZE)
-        car[: len(parameters)] = parameters
+        car = np.array(parameters)
         states = _roll_out(part.x, filtered_commands(part.u, lags, part.history), rows, ahead, car)
-        error = ((states - reference) / unit)[:, scored]
-        error = np.clip(np.nan_to_num(error, nan=0.0, posinf=_LIMIT), -_LIMIT, _LIMIT)
+        error = np.where(np.isfinite(unit), (states - reference) / unit, 0.0)[:, scored]
+        error = np.clip(np.nan_to_num(error, nan=_LIMIT, posinf=_LIMIT), -_LIMIT, _LIMIT)
         return np.concatenate([error.ravel(), weight * (values - begin)])
 
     with np.errstate(over="ignore", invalid="ignore"):
@@ -162,20 +166,6 @@ def _spread_rows(part: Sequences) -> IntArray:
     """Return at most `_ROWS` rows of a part, evenly spread."""
     chosen = np.linspace(0, part.rows.size - 1, min(_ROWS, part.rows.size)).astype(int)
     return np.asarray(part.rows[chosen])
-
-
-def single_track_loss(single: SingleTrack, part: Sequences, ahead: int) -> FloatArray:
-    """Return the mean square error (3,) of rollouts in units of that of persistence."""
-    car = np.zeros(CAR_SIZE)
-    car[: len(single.parameters)] = single.parameters
-    rows = _spread_rows(part)
-    reference = part.x_ref[rows[:, None] + 1 + np.arange(ahead)]
-    commands = filtered_commands(part.u, single.lags, part.history)
-    with np.errstate(over="ignore", invalid="ignore"):
-        states = _roll_out(part.x, commands, rows, ahead, car)
-        errors = np.nanmean((states - reference) ** 2, axis=0)
-        change = np.nanmean((part.x[rows][:, None] - reference) ** 2, axis=0)
-        return np.asarray(np.mean(errors / np.maximum(change, 1e-12), axis=0))
 
 
 def _first_guess(part: Sequences) -> dict[str, float]:

@@ -14,30 +14,46 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from adk_ros.model.lifting.single_track import single_track_batch
+from adk_ros.model.lifting.single_track import (
+    BLEND,
+    COMMAND,
+    FORCE_SCALE,
+    GAIN,
+    MEAN,
+    MIN_GRIP,
+    SCALE,
+    single_track_batch,
+)
+from adk_ros.numerics.constants import GRAVITY
+from adk_ros.signals.score import TICK_S
 
 
 class _Slope(nn.Module):
     """The equations of motion; a module, since a program calls nothing else."""
 
+    __constants__ = ("gravity", "min_grip")
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.gravity, self.min_grip = GRAVITY, MIN_GRIP
+
     def forward(self, state: Tensor, command: Tensor, car: Tensor) -> Tensor:
         """Return derivatives, forces and drive (b, 6) at states (b, 3) and commands (b, 2), SI."""
         v_x, v_y, rate = state[:, 0:1], state[:, 1:2], state[:, 2:3]
         torque, delta = command[:, 0:1], command[:, 1:2]
-        gravity = 9.81
         speed = torch.maximum(torch.abs(v_x), car[11:12])
         front = (v_x * delta - v_y - car[0:1] * rate) / speed
         rear = (car[1:2] * rate - v_y) / speed
         drive = car[7:8] * torque
         a_x = drive - car[8:9] * v_x / speed - car[9:10] * v_x * torch.abs(v_x)
         length = car[0:1] + car[1:2]
-        of_front, of_rear = drive / (car[4:5] * gravity), drive / (car[5:6] * gravity)
-        left_front = torch.sqrt(torch.clamp(1.0 - of_front * of_front, 0.25))
-        left_rear = torch.sqrt(torch.clamp(1.0 - of_rear * of_rear, 0.25))
-        load_front = gravity * car[1:2] / length - car[10:11] * a_x
-        load_rear = gravity * car[0:1] / length + car[10:11] * a_x
-        f_front = car[4:5] * load_front * left_front * torch.tanh(car[2:3] / car[4:5] * front)
-        f_rear = car[5:6] * load_rear * left_rear * torch.tanh(car[3:4] / car[5:6] * rear)
+        of_front, of_rear = drive / (car[4:5] * self.gravity), drive / (car[5:6] * self.gravity)
+        grip_front = torch.sqrt(torch.clamp(1.0 - of_front * of_front, self.min_grip))
+        grip_rear = torch.sqrt(torch.clamp(1.0 - of_rear * of_rear, self.min_grip))
+        load_front = torch.clamp(self.gravity * car[1:2] / length - car[10:11] * a_x, 0.0)
+        load_rear = torch.clamp(self.gravity * car[0:1] / length + car[10:11] * a_x, 0.0)
+        f_front = car[4:5] * load_front * grip_front * torch.tanh(car[2:3] / car[4:5] * front)
+        f_rear = car[5:6] * load_rear * grip_rear * torch.tanh(car[3:4] / car[5:6] * rear)
         s = delta * delta
         across = f_front * (1.0 - s * (0.5 - s * (1.0 / 24.0)))
         sin = delta * (1.0 - s * (1.0 / 6.0 - s * (1.0 / 120.0)))
@@ -57,21 +73,27 @@ class _Slope(nn.Module):
 class SingleTrackModule(nn.Module):
     """`car` (24,), `command_filter` (n, 2), `limits` (3, 6): fields of `EncoderArrays`."""
 
+    __constants__ = ("blend", "command", "force_scale", "gain", "mean", "scale", "tick")
+
     def __init__(self, car: Tensor, command_filter: Tensor, limits: Tensor) -> None:
         super().__init__()
+        self.gain, self.mean, self.scale = GAIN, MEAN, SCALE
+        self.command, self.blend = COMMAND, BLEND
+        self.force_scale, self.tick = FORCE_SCALE, TICK_S
         self.car, self.limits = nn.Buffer(car), nn.Buffer(limits)
         self.command_filter = nn.Buffer(command_filter)
         self.slope = _Slope()
 
     def forward(self, row: Tensor) -> Tensor:
-        """Return the six features and the weight of what is learned, (b, 7), of rows (b, n)."""
+        """Return the six features and the weight of learned features, (b, 7), of rows (b, n)."""
         car, limits = self.car, self.limits
-        state = row[:, 0:3] * car[18:21] + car[15:18]
-        command = torch.addmm(car[21:23], row, self.command_filter)
+        state = row[:, 0:3] * car[self.scale : self.scale + 3]
+        state = state + car[self.mean : self.mean + 3]
+        command = torch.addmm(car[self.command : self.command + 2], row, self.command_filter)
         now = self.slope(state, command, car)
-        tick = 0.025
-        half = state + 0.5 * tick * now[:, 0:3]
-        change = tick * self.slope(half, command, car)[:, 0:3] * car[12:15]
+        half = state + 0.5 * self.tick * now[:, 0:3]
+        change = self.slope(half, command, car)[:, 0:3]
+        change = self.tick * change * car[self.gain : self.gain + 3]
         v_x, v_y, rate = state[:, 0:1], state[:, 1:2], state[:, 2:3]
         delta = command[:, 1:2]
         speed = torch.maximum(torch.abs(v_x), car[11:12])
@@ -83,8 +105,8 @@ class SingleTrackModule(nn.Module):
         s = e * e
         total = s[:, 0:1] + s[:, 1:2] + s[:, 2:3] + s[:, 3:4] + s[:, 4:5] + s[:, 5:6]
         weight = 1.0 / ((1.0 + total) * (1.0 + total))
-        change = (1.0 - car[23:24] * weight) * change
-        return torch.cat([change, 0.25 * now[:, 3:6], weight], dim=1)
+        change = (1.0 - car[self.blend : self.blend + 1] * weight) * change
+        return torch.cat([change, self.force_scale * now[:, 3:6], weight], dim=1)
 
 
 class _Compiled(torch.autograd.Function):

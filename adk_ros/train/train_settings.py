@@ -28,10 +28,10 @@ class TrainSettings:
     least squares (`quadratic_features`) if they fit the data; the network is then trained at a
     quarter of the learning rate, with noise matched to the data. `speed_augmentation`: fit them to
     rows augmented to higher speeds as well, in the equations that the data do not contradict
-    (`augmented_regression`). `single_track`: beyond the training data, pass over to a single-track
-    model (`single_track_fit`) if it predicts the validation part. `weight_decay`: of AdamW;
-    without it a recording of three laps is overfitted. `patience`: validations without improvement
-    before early stopping, not in the first stage. `device`: auto, cpu or cuda.
+    (`augmented_regression`). `single_track`: outside the range of the training data, blend into a
+    single-track model (`single_track_fit`) if it predicts the validation part. `weight_decay`: of
+    AdamW; without it a recording of three laps is overfitted. `patience`: validations without
+    improvement before early stopping, not in the first stage. `device`: auto, cpu or cuda.
 
     :raises UsageError: a value is out of range.
     """
@@ -76,6 +76,8 @@ class TrainSettings:
             raise UsageError(f"weight_decay is {self.weight_decay:g}: choose 0 to 100")
         if not 0.0 <= self.noise <= 100.0:
             raise UsageError(f"noise is {self.noise:g}: choose 0 to 100")
+        if self.single_track and not self.history:
+            raise UsageError("single_track needs a history of at least 1: its lags act on it")
         require_device(self.device)
 
 

@@ -49,7 +49,7 @@ _SETTINGS = {
     "noise": "noise added to past states, in standard deviations of the increment per tick",
     "quadratic": "quadratic features, if they fit; width and features are then 3/4 of the above",
     "speed_augmentation": "quadratic features fitted to rows at higher speeds as well",
-    "single_track": "single-track model beyond the training data, if it predicts validation data",
+    "single_track": "single-track model outside the range of the data, if it predicts them",
     "patience": "validations without improvement before early stopping",
     "validate_every": "training steps between validations",
     "seed": "random seed",
@@ -96,6 +96,8 @@ def write_report(run: TrainingResult, out: Path, *, provenance: Provenance | Non
         predictors=[predictor_label(name) for name in run.test.scores] if run.test else [],
         not_better=run.test.lost if run.test else {},
         unaugmented=run.trained.unaugmented_text if run.trained else "",
+        without_single_track=run.facts["settings"].get("single_track", False)
+        and not run.facts["single_track"],
         takeovers=[takeover.text for takeover in run.model.fallback.takeovers()],
         figures=figures,
     )

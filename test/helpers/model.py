@@ -59,7 +59,7 @@ def car_model(history: int, is_quadratic: bool = True) -> SingleTrack:
         [2.0, 0.0125, 80.0, 100.0, 100.0, 1.6],
     ])  # fmt: skip
     single = single_track_arrays(CAR, (0.05, 0.08), limits, SCALING, history)
-    return single.beside(is_quadratic)
+    return single.with_quadratic(is_quadratic)
 
 
 def random_lift(
@@ -68,7 +68,7 @@ def random_lift(
     """
     An encoder with torch's random weights; of two or more features the last is quadratic.
 
-    With a single-track model the last six are its own, and three of them also quadratic.
+    With a single-track model the last six are its features, three of them also quadratic.
     """
     columns, k = input_columns(history), int(features > 1)
     if single is not None:

@@ -204,7 +204,7 @@ def test_refitted_lies_between_theta_and_least_squares() -> None:
     target = phi @ truth.T
     target[7] = np.nan
     theta = np.vstack([np.zeros((3, 6)), np.ones((2, 6))])
-    made = assembly._refit_output_layer(theta, phi, target, np.ones(6, dtype=bool))
+    made = assembly._refit_output_layer(theta, phi, target, np.ones(6, dtype=bool), np.zeros(6))
     off = [float(np.abs(each[:3] - truth).max()) for each in made]
     assert off == sorted(off, reverse=True)
     assert off[0] > 0.3 * np.abs(truth).max()

@@ -165,11 +165,11 @@ def test_the_small_model_is_good_for_something() -> None:
 
 def test_beyond_its_range_a_single_track_model_counts(tmp_path: Path) -> None:
     """Trained on the fast half of a drive, tested on its slow half."""
-    whole_drive = record("handling", 300.0)
-    fast = whole_drive.x[:, 0] > 12.0
+    recorded = record("handling", 300.0)
+    fast = recorded.x[:, 0] > 12.0
     episode = np.cumsum(np.concatenate([[False], np.diff(fast.astype(int)) != 0]))
-    trained = replace(whole_drive, episode=episode).rows(fast)
-    ratios = {}
+    trained = replace(recorded, episode=episode).rows(fast)
+    rmse = {}
     for single_track in (False, True):
         folder = tmp_path / str(single_track)
         settings = replace(SHORT, steps=100, single_track=single_track)
@@ -179,8 +179,8 @@ def test_beyond_its_range_a_single_track_model_counts(tmp_path: Path) -> None:
         assert (model.lifting.compiled.car.size > 0) == single_track
         stored = run.facts["single_track"]
         assert (stored is None) != single_track
-        rolled = rollout_record(model, whole_drive, None, ~fast, 40, 10)
-        error = rolled.predicted[:, -1] - whole_drive.x_ref[rolled.rows + 40]
-        ratios[single_track] = np.sqrt(np.nanmean(error**2, axis=0))
+        rolled = rollout_record(model, recorded, None, ~fast, 40, 10)
+        error = rolled.predicted[:, -1] - recorded.x_ref[rolled.rows + 40]
+        rmse[single_track] = np.sqrt(np.nanmean(error**2, axis=0))
     # v_y and yaw rate, 1 s ahead.
-    assert (ratios[True][1:] < 0.7 * ratios[False][1:]).all(), ratios
+    assert (rmse[True][1:] < 0.7 * rmse[False][1:]).all(), rmse

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from adk_ros.model.lifting.rational_tanh import rational_tanh
-from adk_ros.model.lifting.single_track import single_track_features
+from adk_ros.model.lifting.single_track import SINGLE_TRACK_FEATURES, single_track_features
 from adk_ros.numerics.arrays import Float32Array, FloatArray
 from adk_ros.numerics.float32_sums import add_product
 from adk_ros.numerics.numba_cache import inlined_kernel, ordered_kernel, strict_kernel
@@ -34,9 +34,10 @@ class EncoderArrays(NamedTuple):
     features, not before the skip path. float32, except int64 `columns`.
 
     With a single-track model (`single_track`), otherwise empty: `car` (24,), its parameters and
-    scales, float64; `command_filter` (n, 2), torque and steering that its actuators leave of the
-    commands; `limits` (3, 6) of the training data, float64. All that is learned is then multiplied
-    by its weight w, and `w3` has rows for [w hidden; w squares; its features (6); w; w row].
+    scales, float64; `command_filter` (n, 2), first-order lags of torque and steering; `limits`
+    (3, 6) of the training data, float64. Learned features are then multiplied by its weight w, and
+    `w3` has rows for [w hidden; w squares; its features (6); w; w row]: "h + q" rows, here and in
+    other modules, are h + q + 7 + n.
     """
 
     w1: Float32Array
@@ -113,11 +114,12 @@ def add_single_track(row: Float32Array, encoder: EncoderArrays, out: Float32Arra
     weight = np.float32(f[6])
     for i in range(learned):
         out[i] *= weight
-    rest = out[learned:]
-    rest[0], rest[1], rest[2], rest[3], rest[4], rest[5] = f[0], f[1], f[2], f[3], f[4], f[5]
-    rest[6] = weight
+    known = out[learned:]
+    for k in range(SINGLE_TRACK_FEATURES):
+        known[k] = f[k]
+    known[SINGLE_TRACK_FEATURES] = weight
     for i in range(row.shape[0]):
-        rest[7 + i] = weight * row[i]
+        known[SINGLE_TRACK_FEATURES + 1 + i] = weight * row[i]
 
 
 @ordered_kernel

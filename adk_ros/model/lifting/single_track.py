@@ -1,7 +1,7 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-The single-track model in the lifting: what is known of a car beyond the training data.
+The single-track model in the lifting, for states outside the range of the training data.
 
 Per unit of mass, with the drive k T, the slip angles a and the axle loads N,
 
@@ -13,17 +13,19 @@ Per unit of mass, with the drive k T, the slip angles a and the axle loads N,
     N_r = g l_f / L + h a_x
 
 (Rajamani, Vehicle Dynamics and Control, 2012, sections 2.3 and 13; a tanh saturates as the Magic
-Formula with shape factor 1). Torque and steering are those that a first-order lag leaves of the
-past commands, means over the tick. A tick is one step of the midpoint rule, for which v_0 is the
-smallest stable speed. Parameters are identified from the training data
-(`adk_ros.train.single_track_fit`).
+Formula with shape factor 1; loads are at least 0). T and delta are the commands after first-order
+lags, means over the tick. A tick is one step of the midpoint rule. At v_0 the faster of sway and
+yaw decays at a rate of one per tick, half the limit of stability; below it the rate stays the
+same. Parameters are identified from the training data (`adk_ros.train.single_track_fit`).
 
-A learned feature is only known where there were data. Its weight
+Learned features are only valid within the range of the training data. Their weight
 
     w = 1 / (1 + sum of e^2)^2
 
 falls with the distances e by which speed, torque, steering, slip angles and lateral acceleration
-lie outside the training data, in units of `RANGE_SOFTNESS` widths of their range.
+lie outside the training data, in units of `RANGE_SOFTNESS` widths of their range. This range is
+narrower than `TrainingRange`, which the diagnostics report: it is of slip angles, too, and without
+a margin.
 """
 
 from __future__ import annotations
@@ -39,12 +41,14 @@ from adk_ros.numerics.numba_cache import inlined_kernel, ordered_kernel
 from adk_ros.signals.score import TICK_S
 
 RANGE_SOFTNESS = 0.1
-"""Distance, in widths of the range, at which the weight of what is learned is a quarter."""
-FORCES = 3
-"""Features besides the increments: lateral forces of the axles, and the drive."""
-SINGLE_TRACK_FEATURES = 3 + FORCES
+"""Distance, in widths of the range, at which learned features have a weight of 1/4; by choice."""
+SINGLE_TRACK_FEATURES = 6
+"""Increments of the state, lateral forces of the axles, and the drive."""
 RANGE_QUANTITIES = 6
-_MIN_GRIP = 0.25
+"""Speed, torque, steering, slip angles of front and rear axle, lateral acceleration."""
+FORCE_SCALE = 0.25
+"""Factor on the forces, m/s², that makes them about as large as the other features."""
+MIN_GRIP = 0.25
 """Square of the share of the lateral grip that a drive leaves at least; by choice."""
 
 
@@ -72,32 +76,39 @@ class SingleTrackParameters(NamedTuple):
     slowest: float
 
 
-CAR_SIZE = len(SingleTrackParameters._fields) + 3 + 3 + 3 + 2 + 1
+GAIN = len(SingleTrackParameters._fields)
+MEAN, SCALE, COMMAND, BLEND = GAIN + 3, GAIN + 6, GAIN + 9, GAIN + 11
+CAR_SIZE = BLEND + 1
 """
 Values of `car`: parameters, scaled increments by SI ones (3,), mean (3,) and scale (3,) of the
-state, mean (2,) of the command, and b of the increments' weight 1 - b w: 1 if quadratic features
-predict them where they are known, 0 if not.
+state, mean (2,) of the command, from `GAIN`, `MEAN`, `SCALE` and `COMMAND` on; at `BLEND` b of the
+increments' weight 1 - b w: 1 if quadratic features predict them within the range, 0 if not.
 """
-DIFFERENCE = 1e-5
+_DIFFERENCE = 1e-5
 """Step of central differences, about the cube root of the precision of float64."""
 
 
 @inlined_kernel
-def single_track_slope(v_x: Any, v_y: Any, rate: Any, torque: Any, delta: Any, car: Any) -> Any:
-    """Return the derivatives of the state, the forces of front and rear axle, and the drive."""
+def slip_angles(v_x: Any, v_y: Any, rate: Any, delta: Any, car: Any) -> Any:
+    """Return the slip angles of front and rear axle, and v, m/s."""
     speed = max(abs(v_x), car[11])
-    front = (v_x * delta - v_y - car[0] * rate) / speed
-    rear = (car[1] * rate - v_y) / speed
+    return (v_x * delta - v_y - car[0] * rate) / speed, (car[1] * rate - v_y) / speed, speed
+
+
+@inlined_kernel
+def single_track_slope(v_x: Any, v_y: Any, rate: Any, torque: Any, delta: Any, car: Any) -> Any:
+    """Return the derivatives of the state, forces of front and rear axle, and the drive, SI."""
+    front, rear, speed = slip_angles(v_x, v_y, rate, delta, car)
     drive = car[7] * torque
     a_x = drive - car[8] * v_x / speed - car[9] * v_x * abs(v_x)
     length = car[0] + car[1]
     of_front, of_rear = drive / (car[4] * GRAVITY), drive / (car[5] * GRAVITY)
-    left_front = np.sqrt(max(1.0 - of_front * of_front, _MIN_GRIP))
-    left_rear = np.sqrt(max(1.0 - of_rear * of_rear, _MIN_GRIP))
-    load_front = GRAVITY * car[1] / length - car[10] * a_x
-    load_rear = GRAVITY * car[0] / length + car[10] * a_x
-    f_front = car[4] * load_front * left_front * rational_tanh(car[2] / car[4] * front)
-    f_rear = car[5] * load_rear * left_rear * rational_tanh(car[3] / car[5] * rear)
+    grip_front = np.sqrt(max(1.0 - of_front * of_front, MIN_GRIP))
+    grip_rear = np.sqrt(max(1.0 - of_rear * of_rear, MIN_GRIP))
+    load_front = max(GRAVITY * car[1] / length - car[10] * a_x, 0.0)
+    load_rear = max(GRAVITY * car[0] / length + car[10] * a_x, 0.0)
+    f_front = car[4] * load_front * grip_front * rational_tanh(car[2] / car[4] * front)
+    f_rear = car[5] * load_rear * grip_rear * rational_tanh(car[3] / car[5] * rear)
     s = delta * delta
     cos = 1.0 - s * (0.5 - s * (1.0 / 24.0))
     sin = delta * (1.0 - s * (1.0 / 6.0 - s * (1.0 / 120.0)))
@@ -114,7 +125,7 @@ def single_track_slope(v_x: Any, v_y: Any, rate: Any, torque: Any, delta: Any, c
 
 @inlined_kernel
 def single_track_change(v_x: Any, v_y: Any, rate: Any, torque: Any, delta: Any, car: Any) -> Any:
-    """Return the change of the state over a tick, SI, and the forces at its begin."""
+    """Return the change of the state over a tick, SI, and the forces at its start."""
     half = 0.5 * TICK_S
     s = single_track_slope(v_x, v_y, rate, torque, delta, car)
     m = single_track_slope(
@@ -134,14 +145,14 @@ def excess(value: Any, limits: Any, k: Any) -> Any:
 def trained_share(
     v_x: Any, v_y: Any, rate: Any, torque: Any, delta: Any, car: Any, limits: Any
 ) -> Any:
-    """Return the weight w of what is learned; `limits` (3, 6): low, high, 1 / softness."""
-    speed = max(abs(v_x), car[11])
+    """Return the weight w of learned features; `limits` (3, 6): low, high, 1 / softness."""
+    front, rear, _ = slip_angles(v_x, v_y, rate, delta, car)
     total = (
         excess(v_x, limits, 0)
         + excess(torque, limits, 1)
         + excess(delta, limits, 2)
-        + excess((v_x * delta - v_y - car[0] * rate) / speed, limits, 3)
-        + excess((car[1] * rate - v_y) / speed, limits, 4)
+        + excess(front, limits, 3)
+        + excess(rear, limits, 4)
         + excess(v_x * rate, limits, 5)
     )
     return 1.0 / ((1.0 + total) * (1.0 + total))
@@ -151,18 +162,18 @@ def trained_share(
 def single_track_features(
     v_x: Any, v_y: Any, rate: Any, torque: Any, delta: Any, car: Any, limits: Any
 ) -> Any:
-    """Return the six features of a scaled state and a filtered command, and the weight w."""
-    v_x = car[18] * v_x + car[15]
-    v_y = car[19] * v_y + car[16]
-    rate = car[20] * rate + car[17]
-    torque = torque + car[21]
-    delta = delta + car[22]
+    """Return the six features and w, of a scaled state and a command, SI, less its mean."""
+    v_x = car[SCALE] * v_x + car[MEAN]
+    v_y = car[SCALE + 1] * v_y + car[MEAN + 1]
+    rate = car[SCALE + 2] * rate + car[MEAN + 2]
+    torque = torque + car[COMMAND]
+    delta = delta + car[COMMAND + 1]
     c = single_track_change(v_x, v_y, rate, torque, delta, car)
     weight = trained_share(v_x, v_y, rate, torque, delta, car, limits)
-    left = 1.0 - car[23] * weight
+    share = 1.0 - car[BLEND] * weight
     return (
-        left * c[0] * car[12], left * c[1] * car[13], left * c[2] * car[14],
-        0.25 * c[3], 0.25 * c[4], 0.25 * c[5], weight,
+        share * c[0] * car[GAIN], share * c[1] * car[GAIN + 1], share * c[2] * car[GAIN + 2],
+        FORCE_SCALE * c[3], FORCE_SCALE * c[4], FORCE_SCALE * c[5], weight,
     )  # fmt: skip
 
 
@@ -173,15 +184,17 @@ def single_track_derivative(
     """
     Write `single_track_features` (7,) at `point` (5,), and their derivatives (7, 5).
 
-    By central differences in float64, whose error is below 1e-9 of a value. `point` is a scaled
-    state and a filtered command.
+    By central differences in float64, also where a limit acts. `point` is a scaled state, and a
+    filtered command, SI, less its mean.
     """
     f = single_track_features(point[0], point[1], point[2], point[3], point[4], car, limits)
     for k in range(7):
         values[k] = f[k]
     for j in range(5):
         kept = point[j]
-        step = DIFFERENCE * max(1.0, abs(kept))
+        # Commands are in units of the softness of their range.
+        unit = 1.0 if j < 3 else min(1.0, 1.0 / limits[2, j - 2])
+        step = _DIFFERENCE * max(unit, abs(kept))
         point[j] = kept + step
         f = single_track_features(point[0], point[1], point[2], point[3], point[4], car, limits)
         point[j] = kept - step

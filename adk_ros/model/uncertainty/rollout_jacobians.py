@@ -5,7 +5,8 @@ Compiled Jacobians of the steps of a rollout, in float64.
 
 The step of `compiled_rollout` with its weights in float64 and its derivative. Where a limit acts
 (the bounds of the encoder's input, of tanh, of motion and of states), the derivative is that of
-the active branch; at the switch itself it is one-sided.
+the active branch; at the switch itself it is one-sided. The single-track model is differentiated
+by central differences.
 """
 
 from __future__ import annotations
@@ -30,9 +31,7 @@ from adk_ros.numerics.numba_cache import ordered_kernel
 def single_track_jacobian(
     row: FloatArray, encoder: EncoderArrays, values: FloatArray, by_row: FloatArray
 ) -> None:
-    """
-    Write the features and the weight of the single-track model (7,) and their derivative (7, n).
-    """
+    """Write features and weight of the single-track model (7,) and their derivative (7, n)."""
     point = np.zeros(5)
     point[:3] = row[:3]
     for i in range(3, row.shape[0]):

@@ -10,6 +10,7 @@ import zipfile
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
 import torch
 from helpers.model import plain_program, program
@@ -115,6 +116,18 @@ class Calling(nn.Module):
         return out
 
 
+class Selecting(nn.Module):
+    """A program that writes out a slice of a row."""
+
+    def __init__(self, dim: int, start: int, end: int, step: int) -> None:
+        super().__init__()
+        self.dim, self.start, self.end, self.step = dim, start, end, step
+
+    def forward(self, row: Tensor) -> Tensor:
+        out: Tensor = torch.ops.aten.slice(row, self.dim, self.start, self.end, self.step)
+        return out
+
+
 @pytest.mark.parametrize(
     ("module", "words"),
     [
@@ -165,6 +178,19 @@ class Usual(nn.Module):
 def test_encoders_are_accepted(content: bytes) -> None:
     features = Lifting(content, 15, 4)(torch.randn(15).numpy())
     assert features.shape == (4,)
+
+
+@pytest.mark.parametrize(
+    "place", [(1, 0, 4, 0), (1, 0, 4, -1), (7, 0, 4, 1), (1, 3, 2, 1), (0, 0, 1, 1)]
+)
+def test_slices_have_the_right_shape(place: tuple[int, int, int, int]) -> None:
+    with pytest.raises(UsageError):
+        Lifting(to_torchscript(Selecting(*place)), 15, 4)
+
+
+def test_slices_are_accepted() -> None:
+    lifting = Lifting(to_torchscript(Selecting(1, 2, 10, 2)), 15, 4)
+    assert lifting(np.arange(15, dtype=np.float32)).tolist() == [2.0, 4.0, 6.0, 8.0]
 
 
 def repacked(content: bytes, change: Callable[[str, bytes], bytes]) -> bytes:

@@ -76,7 +76,7 @@ def test_torch_compiled_and_derivative_agree(is_quadratic: bool) -> None:
     rows = torch.from_numpy(np.random.default_rng(0).normal(size=(200, input_size(HISTORY))))
     by_torch, by_kernel = rows.clone().requires_grad_(), rows.clone().requires_grad_()
     expected, found = module(by_torch), compiled_single_track(module, by_kernel)
-    # The kernel's tanh is a rational function, right to 7e-6.
+    # The kernel's tanh is a rational function, accurate to 7e-6.
     torch.testing.assert_close(found, expected, rtol=2e-5, atol=2e-5)
     weights = torch.randn_like(expected)
     (expected * weights).sum().backward()
