@@ -46,7 +46,8 @@ def _page(
     result: Result, plan: BenchPlan, criteria: Sequence[Criterion], digest: str, seed: str
 ) -> str:
     lines = ["# Confirmation drives", ""]
-    lines += [f"Code {digest[:16]}, seed `{seed}`, {plan.seeds} trainings.", ""]
+    trained = f"{plan.seeds} trainings" + " with `--single-track`" * plan.train.single_track
+    lines += [f"Code {digest[:16]}, seed `{seed}`, {trained}.", ""]
     if result.without:
         lines += [f"Without pykoop and pykoopman: {result.without}.", ""]
     lines += [markdown_line(["", "criterion", "figure"]), markdown_line(["---"] * 3)]
