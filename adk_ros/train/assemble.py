@@ -75,7 +75,7 @@ def assemble(trained: FittedNetwork, part: Sequences, uses_imu: bool) -> Assembl
     free = network.mask[:, 0].numpy() > 0.0
     centre = np.zeros(phi.shape[1])
     if not free[-1]:
-        # Without a constant of its own, which would count everywhere.
+        # No constant is refitted: it would count everywhere.
         centre[3 : 3 + n_features] = (mean / spread).double().numpy()
     refitted = _refit_output_layer(theta, phi, target / scaling.step_scale, free, centre)
     program = to_torchscript(lift)

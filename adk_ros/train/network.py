@@ -68,16 +68,18 @@ class Encoder(nn.Module):
         first = torch.tanh(torch.addmm(self.b1, inside, self.w1))
         second = torch.tanh(torch.addmm(self.b2, first, self.w2))
         learned = torch.addmm(torch.addmm(self.b3, second, self.w3), row, self.skip)
-        known = row.new_zeros(1, 3)
         if self.level.shape[0]:
             seen = torch.mm(inside, self.directions)
             known = torch.addmm(self.level, seen * seen, self.weights)
-            known = torch.addmm(known, row, self.linear)
+            learned = torch.cat([learned, torch.addmm(known, row, self.linear)], dim=1)
         if not self.has_single_track:
-            return torch.cat([learned, known], dim=1) if self.level.shape[0] else learned
+            return learned
         single = compiled_single_track(self.single_track, row)
-        weight = single[:, 6:7]
-        return torch.cat([weight * learned, weight * known + single[:, :3], single[:, 3:6]], dim=1)
+        learned = single[:, 6:7] * learned
+        if not self.level.shape[0]:
+            return torch.cat([learned, single[:, :6]], dim=1)
+        increments = learned[:, -3:] + single[:, :3]
+        return torch.cat([learned[:, :-3], increments, single[:, 3:6]], dim=1)
 
     @property
     def known_features(self) -> int:
@@ -188,6 +190,7 @@ class Network(nn.Module):
         x_row = x_past.reshape(batch, -1)
         u_row = u_past.reshape(batch, -1)
         ones = torch.ones(batch, 1, device=u_ahead.device)
+        weights = self.base + self.mask * self.head
         out = []
         for step in range(ahead):
             now, u = x_row[:, :3], u_ahead[:, step]
@@ -195,7 +198,7 @@ class Network(nn.Module):
             row = torch.cat([x_row, u, u_row], dim=1) if self.history else x_row
             features = self.encoder(row)
             phi = torch.cat([now, features, u, ones], dim=1)
-            new = now + (phi @ (self.base + self.mask * self.head)) * self.step_scale
+            new = now + (phi @ weights) * self.step_scale
             out.append(new)
             if self.history:
                 x_row = torch.cat([new, x_row[:, :-3]], dim=1)

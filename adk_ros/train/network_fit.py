@@ -214,13 +214,16 @@ def fit(
     quadratic = None
     if settings.quadratic:
         quadratic = quadratic_features_of(part, scaling, settings.speed_augmentation)
-    if quadratic is not None and not trainer_of(quadratic).validate() < _QUADRATIC_ACCEPT_LOSS:
+    trainer = trainer_of(quadratic)
+    if quadratic is not None and not trainer.validate() < _QUADRATIC_ACCEPT_LOSS:
         quadratic = None
+        trainer = trainer_of(None)
     single = fit_single_track(part, scaling) if settings.single_track else None
     # Before the training, its increments alone are predicted.
     if single and not trainer_of(None, single).validate() < _SINGLE_TRACK_ACCEPT_LOSS:
         single = None
-    trainer = trainer_of(quadratic, single)
+    if single:
+        trainer = trainer_of(quadratic, single)
     key = checkpoint.fingerprint(settings, [*train, *validation])
     if windows is not None:
         key += windows.key

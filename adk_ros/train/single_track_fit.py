@@ -21,6 +21,7 @@ from scipy.optimize import least_squares
 from adk_ros.model.lifting.encoder import input_size
 from adk_ros.model.lifting.scaling import Scaling
 from adk_ros.model.lifting.single_track import (
+    BLEND,
     RANGE_SOFTNESS,
     SingleTrackParameters,
     single_track_change,
@@ -83,7 +84,7 @@ class SingleTrack:
     def with_quadratic(self, quadratic: bool) -> SingleTrack:
         """Return one that leaves the trained range to quadratic features, or does not."""
         car = self.car.copy()
-        car[-1] = float(quadratic)
+        car[BLEND] = float(quadratic)
         return replace(self, car=car)
 
 
