@@ -7,6 +7,10 @@ A Gaussian residual exceeds eight standard deviations with a probability of 1e-1
 recording of any length none is expected. What exceeds them is a disturbance that acts rarely, a
 fault of a sensor, or what the surrogate already gets wrong about the simulation. The last is
 counted there (`downweighted_episodes`).
+
+At a step of the command the surrogate is right only to within its time step: a sample of the IMU
+is the acceleration at its stamp, that of the surrogate the mean over the 10 ms around it. What a
+shift of the IMU by half a time step changes therefore raises the threshold of a residual.
 """
 
 from __future__ import annotations
@@ -23,11 +27,12 @@ from adk_ros.mismatch.inference.likelihood import Likelihood
 from adk_ros.mismatch.inference.result import NONE, UNKNOWN, UnexplainedResidual
 from adk_ros.mismatch.library.criteria import EQUATION_GAIN_SHARE
 from adk_ros.mismatch.library.parametric_features import is_transferable
+from adk_ros.mismatch.library.surrogate_parameters import INDEX
 from adk_ros.mismatch.recording.sensor_log import CHANNELS
 from adk_ros.mismatch.surrogate.identification import SurrogateModel
 from adk_ros.mismatch.surrogate.joined_problem import JoinedProblem
 from adk_ros.mismatch.surrogate.lap import Lap
-from adk_ros.mismatch.surrogate.residuals import BIN_S
+from adk_ros.mismatch.surrogate.residuals import BIN_S, STEP_S
 from adk_ros.numerics.arrays import BoolArray, FloatArray
 from adk_ros.numerics.filters import causal_filter
 from adk_ros.numerics.levenberg_marquardt import HUBER_THRESHOLD, huber_values
@@ -44,10 +49,10 @@ def downweighted_residuals(
     """Return what the robust loss downweights at a hypothesis, or None if nothing."""
     residuals = _residuals(likelihood, hypothesis)
     e = likelihood.whiten(residuals)
-    beyond = np.abs(e) > HUBER_THRESHOLD
+    beyond = np.abs(e) > HUBER_THRESHOLD + _timing_error(likelihood, hypothesis, residuals)
     if not beyond.any():
         return None
-    cut = (e**2 - huber_values(e)).sum(axis=1)
+    cut = np.where(beyond, e**2 - huber_values(e), 0.0).sum(axis=1)
     by_equation = dict.fromkeys(EQUATIONS, 0.0)
     for name, part in zip(EQUATIONS, cut, strict=True):
         by_equation[name] += float(part)
@@ -101,6 +106,15 @@ def _residuals(likelihood: Likelihood, h: Hypothesis) -> FloatArray:
     """Return the residuals (6, b) of a hypothesis, SI."""
     p, terms = likelihood.simulation_inputs(h.nuisances, h.effects)
     return likelihood.channel_residuals(p, terms)
+
+
+def _timing_error(likelihood: Likelihood, h: Hypothesis, residuals: FloatArray) -> FloatArray:
+    """Return what half a time step of the surrogate changes in `residuals`, whitened (6, b)."""
+    p, terms = likelihood.simulation_inputs(h.nuisances, h.effects)
+    p = p.copy()
+    p[INDEX["imu_delay"]] += 0.5 * STEP_S
+    changed = np.abs(likelihood.channel_residuals(p, terms) - residuals)
+    return np.asarray(changed * likelihood.weights * likelihood.filters[:, :1])
 
 
 def _groups(beyond: BoolArray) -> list[slice]:

@@ -69,6 +69,27 @@ def test_nothing_is_downweighted_in_a_clean_recording() -> None:
     assert note_on(None) == []
 
 
+def test_a_step_of_the_torque_is_known_to_half_a_time_step() -> None:
+    log = case().recording
+    steps = np.abs(np.diff(log.command[:, 0]))
+    largest_s = log.command_s[1:][np.argsort(-steps)[:6]]
+    after = np.searchsorted(log.imu_s, largest_s, side="right")
+    change = 0.5 * (log.imu[after, 0] - log.imu[after - 1, 0])
+
+    def changed(at: Sequence[int]) -> Downweighted | None:
+        imu = log.imu.copy()
+        imu[at, 0] -= change
+        problem = prepare_residual_problem(replace(log, imu=imu))
+        likelihood = Likelihood.of(problem, surrogate())
+        null = likelihood.fit([], budget=NULL_HYPOTHESIS)
+        return downweighted_residuals(likelihood, null, surrogate(), find_lap(problem))
+
+    assert changed(after) is None
+    elsewhere = changed(after + 150)
+    assert elsewhere is not None
+    assert {x.channel for x in elsewhere.episodes} == {"imu_a_x"}
+
+
 @pytest.mark.slow
 def test_episodes_have_their_times_channel_and_size() -> None:
     hidden = hidden_by(PULSES_S)
