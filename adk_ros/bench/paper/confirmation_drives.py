@@ -8,6 +8,10 @@ to choose anything on these drives. The training drive is one of the nominal car
 Each test has another road, and a car or conditions with one to three changes that the training
 data do not contain; two tests are slaloms with open-loop steering. Two further tests are driven in
 other simulators (`other_simulators`).
+
+The draw is stratified, so that no set lacks what is hard: one slalom is driven above the speeds of
+all training roads, the first test with changes has the friction of snow or ice, and each change
+occurs in every ten tests.
 """
 
 from __future__ import annotations
@@ -33,7 +37,9 @@ from adk_ros.plant.vehicle.vehicle_parameters import Vehicle, load_vehicle
 VEHICLE = "imdv"
 TRAINING_S, TEST_S, SLALOM_S = 1400.0, 150.0, 80.0
 """Durations, s; the training drive has that of the paper's."""
-SLALOMS = 2
+SLALOM_TOPS = ((25.0, 35.0), (35.0, 44.0))
+"""Ranges of the slaloms' top speeds, m/s: 90 to 126 and 126 to 158 km/h."""
+SLALOMS = len(SLALOM_TOPS)
 MIN_TESTS, MAX_TESTS = 3, 200
 TRAINING_FRICTION = 0.85
 """Of the paper's training road."""
@@ -59,6 +65,8 @@ _SENSORS = {
 
 _SLOWER, _MAX_TRIES = 0.9, 9
 """As in `random_routes`."""
+_SLIPPERY = (0.3, 0.5)
+"""Friction of snow and ice with winter tyres."""
 Progress = Callable[[float, float, str], None]
 Content = dict[str, Any]
 Change = Callable[[np.random.Generator, Vehicle], Content]
@@ -127,7 +135,8 @@ def write_confirmation_drives(
     Write the scenario files of a set to a new folder, and return the set.
 
     :param seed: any text; equal seeds give equal drives.
-    A test in which the car spins is driven at 0.9 of its speeds until it does not.
+    A test in which the car spins is driven at 0.9 of its speeds until it does not, a slalom with
+    0.81 of its steering.
 
     :param tests: number of tests besides the nominal one and those in other simulators,
         `MIN_TESTS` to `MAX_TESTS`.
@@ -140,11 +149,13 @@ def write_confirmation_drives(
     car = load_vehicle(VEHICLE)
     training = _on_a_road(rng, "open", TRAINING_FRICTION) | {"duration_s": TRAINING_S}
     files = {NOMINAL: _written(folder, "training", training, rng)}
+    order = ["friction", *rng.permutation([name for name in CHANGES if name != "friction"])]
     for index in range(tests):
         if index < SLALOMS:
-            name, content = _slalom(rng)
+            name, content = _slalom(rng, SLALOM_TOPS[index])
         else:
-            name, content = _test(rng, car)
+            turn = index - SLALOMS
+            name, content = _test(rng, car, str(order[turn % len(order)]), slippery=turn == 0)
         name = f"{index + 1:02d}_{name}"
         files[name] = _written(folder, name, content, rng)
         _slow_down_to_the_road(Path(files[name]))
@@ -183,7 +194,7 @@ def _written(folder: Path, name: str, content: Content, rng: np.random.Generator
 
 def _slow_down_to_the_road(path: Path) -> None:
     """
-    Reduce the speeds in a scenario file until the car does not spin.
+    Reduce the speeds in a scenario file, or a slalom's steering, until the car does not spin.
 
     :raises DataError: it spins at any of them.
     """
@@ -191,13 +202,15 @@ def _slow_down_to_the_road(path: Path) -> None:
         if not drive_spins(load_scenario(path)):
             return
         content = yaml.safe_load(path.read_text(encoding="utf-8"))
-        content["speed"]["top"] *= _SLOWER
-        content["speed"]["lateral_accel"] *= _SLOWER**2
         if "steering" in content:
-            content["start_speed"] *= _SLOWER
+            content["steering"]["amplitude"] *= _SLOWER**2
+        else:
+            content["speed"]["top"] *= _SLOWER
+            content["speed"]["lateral_accel"] *= _SLOWER**2
         path.write_text(yaml.safe_dump(content, sort_keys=False), encoding="utf-8")
     raise DataError(
-        f"{path.name}: the car spins at {_SLOWER**_MAX_TRIES:.2g} of its speed as well"
+        f"{path.name}: the car spins with {_SLOWER ** (2 * _MAX_TRIES):.2g} of its lateral "
+        "acceleration as well"
     )
 
 
@@ -215,9 +228,14 @@ def _plain(value: Any) -> Any:
     return float(value) if isinstance(value, float) else value
 
 
-def _test(rng: np.random.Generator, car: Vehicle) -> tuple[str, Content]:
+def _test(
+    rng: np.random.Generator, car: Vehicle, change: str, *, slippery: bool
+) -> tuple[str, Content]:
+    """Return a drive with `change` and up to two others; `slippery`: on snow or ice."""
     style = str(rng.choice(list(STYLES)))
-    chosen = rng.choice(list(CHANGES), int(rng.integers(1, 4)), replace=False).tolist()
+    excluded = {change, {"load": "light", "light": "load"}.get(change, "")}
+    more = rng.permutation([name for name in CHANGES if name not in excluded]).tolist()
+    chosen = [change, *more[: int(rng.integers(0, 3))]]
     if {"load", "light"} <= set(chosen):
         chosen.remove("light")
     changes: Content = {"vehicle_changes": {}, "duration_s": TEST_S}
@@ -225,6 +243,8 @@ def _test(rng: np.random.Generator, car: Vehicle) -> tuple[str, Content]:
         drawn = CHANGES[name](rng, car)
         changes["vehicle_changes"] |= drawn.pop("vehicle_changes", {})
         changes |= drawn
+    if slippery:
+        changes["mu"] = float(rng.uniform(*_SLIPPERY))
     tyres = [changes["vehicle_changes"].get(f"{axle}_tyre", {}) for axle in ("front", "rear")]
     grip = min(tyre.get("mu", car.front_tyre.mu) for tyre in tyres)
     friction = changes.get("mu", float(rng.uniform(0.8, 1.0)))
@@ -268,9 +288,9 @@ def _heights(rng: np.random.Generator, length: float, steepest: float) -> list[C
     return [{"at": i * spacing, "height": float(h)} for i, h in enumerate(height)]
 
 
-def _slalom(rng: np.random.Generator) -> tuple[str, Content]:
-    """Return a slalom with open-loop steering on a flat road, 90 to 145 km/h at its fastest."""
-    friction, top = float(rng.uniform(0.5, 1.0)), float(rng.uniform(25.0, 40.0))
+def _slalom(rng: np.random.Generator, tops: tuple[float, float]) -> tuple[str, Content]:
+    """Return a slalom with open-loop steering on a flat road; its top speed is in `tops`, m/s."""
+    friction, top = float(rng.uniform(0.5, 1.0)), float(rng.uniform(*tops))
     share = float(rng.uniform(0.3, 0.6))
     # Steady cornering of a neutral car: a_y = v^2 delta / l.
     wheelbase = 2.67

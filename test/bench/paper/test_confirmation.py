@@ -111,8 +111,37 @@ def test_a_car_that_spins_at_any_speed_is_said(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(confirmation_drives, "drive_spins", lambda scenario: True)
-    with pytest.raises(DataError, match=r"the car spins at 0\.39 of its speed as well"):
+    with pytest.raises(DataError, match=r"the car spins with 0\.15 of its lateral"):
         write_confirmation_drives(tmp_path / "a", "spin", 3)
+
+
+def test_a_slalom_that_spins_is_steered_less_at_its_speed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drawn = write_confirmation_drives(tmp_path / "a", "spin", 3, others=())
+    before = drawn.scenario(drawn.tests[2])
+    assert before.steering is not None
+    limit = before.steering.amplitude * 0.9
+
+    def spins(scenario: Scenario) -> bool:
+        steering = scenario.steering
+        return steering is not None and steering.amplitude > limit
+
+    monkeypatch.setattr(confirmation_drives, "drive_spins", spins)
+    steered_less = write_confirmation_drives(tmp_path / "b", "spin", 3, others=())
+    after = steered_less.scenario(drawn.tests[2])
+    assert after.steering is not None
+    assert after.steering.amplitude == pytest.approx(0.81 * before.steering.amplitude)
+    assert after.speed == before.speed
+
+
+def test_no_draw_lacks_a_fast_slalom_low_friction_or_a_change(tmp_path: Path) -> None:
+    for seed in ("a", "b", "c"):
+        drives = write_confirmation_drives(tmp_path / seed, seed, 12, others=())
+        slow, fast, slippery = (drives.scenario(test) for test in drives.tests[1:4])
+        assert 25.0 <= slow.speed.top <= 35.0 <= fast.speed.top <= 44.0
+        assert 0.3 <= slippery.mu <= 0.5
+        assert {x for x in CHANGES if any(x in name for name in drives.tests)} == set(CHANGES)
 
 
 @pytest.mark.slow
