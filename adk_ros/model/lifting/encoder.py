@@ -185,8 +185,6 @@ class Lifting:
             for name, values in parameters.items()
         }
         arrays["columns"] = columns.numpy().astype(np.int64)
-        for name in ("car", "limits"):
-            arrays[name] = arrays[name].astype(np.float64)
         encoder = EncoderArrays(**arrays)
         hidden, squares = encoder.w1.shape[-1], encoder.directions.shape[-1]
         known = SINGLE_TRACK_FEATURES + 1 + n_in if encoder.car.size else 0

@@ -34,8 +34,8 @@ class EncoderArrays(NamedTuple):
     features, not before the skip path. float32, except int64 `columns`.
 
     With a single-track model (`single_track`), otherwise empty: `car` (24,), its parameters and
-    scales, float64; `command_filter` (n, 2), first-order lags of torque and steering; `limits`
-    (3, 6) of the training data, float64. Learned features are then multiplied by its weight w, and
+    scales; `command_filter` (n, 2), first-order lags of torque and steering; `limits` (3, 6) of
+    the training data; float32. Learned features are then multiplied by its weight w, and
     `w3` has rows for [w hidden; w squares; its features (6); w; w row]: "h + q" rows, here and in
     other modules, are h + q + 7 + n.
     """
@@ -50,9 +50,9 @@ class EncoderArrays(NamedTuple):
     columns: NDArray[np.int64]
     input_bound: Float32Array
     directions: Float32Array
-    car: FloatArray
+    car: Float32Array
     command_filter: Float32Array
-    limits: FloatArray
+    limits: Float32Array
 
     def scratch(self) -> Float32Array:
         """Return an array for `perceptron` to work in."""
@@ -106,12 +106,14 @@ def penultimate_activations(
 def add_single_track(row: Float32Array, encoder: EncoderArrays, out: Float32Array) -> None:
     """Weight the layer and the squares in `out`, and write features, weight and weighted row."""
     learned = encoder.b2.shape[0] + encoder.directions.shape[1]
-    torque, delta = 0.0, 0.0
+    torque, delta = np.float32(0.0), np.float32(0.0)
     for i in range(3, row.shape[0]):
         torque += encoder.command_filter[i, 0] * row[i]
         delta += encoder.command_filter[i, 1] * row[i]
-    f = single_track_features(row[0], row[1], row[2], torque, delta, encoder.car, encoder.limits)
-    weight = np.float32(f[6])
+    f = single_track_features(
+        row[0], row[1], row[2], torque, delta, encoder.car, encoder.limits.reshape(-1)
+    )
+    weight = f[6]
     for i in range(learned):
         out[i] *= weight
     known = out[learned:]

@@ -26,6 +26,9 @@ falls with the distances e by which speed, torque, steering, slip angles and lat
 lie outside the training data, in units of `RANGE_SOFTNESS` widths of their range. This range is
 narrower than `TrainingRange`, which the diagnostics report: it is of slip angles, too, and without
 a margin.
+
+Kernels with arguments of type `Any` compute in the precision of their arguments: float32 in the
+encoder, float64 for derivatives and for the identification.
 """
 
 from __future__ import annotations
@@ -46,6 +49,8 @@ SINGLE_TRACK_FEATURES = 6
 """Increments of the state, lateral forces of the axles, and the drive."""
 RANGE_QUANTITIES = 6
 """Speed, torque, steering, slip angles of front and rear axle, lateral acceleration."""
+LIMITS_SIZE = 3 * RANGE_QUANTITIES
+"""Values of `limits`: lower ends, upper ends, and 1 / softness of the ranges."""
 FORCE_SCALE = 0.25
 """Factor on the forces, m/s², that makes them about as large as the other features."""
 MIN_GRIP = 0.25
@@ -84,6 +89,11 @@ Values of `car`: parameters, scaled increments by SI ones (3,), mean (3,) and sc
 state, mean (2,) of the command, from `GAIN`, `MEAN`, `SCALE` and `COMMAND` on; at `BLEND` b of the
 increments' weight 1 - b w: 1 if quadratic features predict them within the range, 0 if not.
 """
+_single = np.float32
+_ZERO, _ONE, _HALF, _SIXTH = (_single(v) for v in (0.0, 1.0, 0.5, 1.0 / 6.0))
+_24TH, _120TH = _single(1.0 / 24.0), _single(1.0 / 120.0)
+_GRAVITY, _MIN_GRIP, _FORCE_SCALE = (_single(v) for v in (GRAVITY, MIN_GRIP, FORCE_SCALE))
+_TICK, _HALF_TICK = _single(TICK_S), _single(0.5 * TICK_S)
 _DIFFERENCE = 1e-5
 """Step of central differences, about the cube root of the precision of float64."""
 
@@ -102,16 +112,16 @@ def single_track_slope(v_x: Any, v_y: Any, rate: Any, torque: Any, delta: Any, c
     drive = car[7] * torque
     a_x = drive - car[8] * v_x / speed - car[9] * v_x * abs(v_x)
     length = car[0] + car[1]
-    of_front, of_rear = drive / (car[4] * GRAVITY), drive / (car[5] * GRAVITY)
-    grip_front = np.sqrt(max(1.0 - of_front * of_front, MIN_GRIP))
-    grip_rear = np.sqrt(max(1.0 - of_rear * of_rear, MIN_GRIP))
-    load_front = max(GRAVITY * car[1] / length - car[10] * a_x, 0.0)
-    load_rear = max(GRAVITY * car[0] / length + car[10] * a_x, 0.0)
+    of_front, of_rear = drive / (car[4] * _GRAVITY), drive / (car[5] * _GRAVITY)
+    grip_front = np.sqrt(max(_ONE - of_front * of_front, _MIN_GRIP))
+    grip_rear = np.sqrt(max(_ONE - of_rear * of_rear, _MIN_GRIP))
+    load_front = max(_GRAVITY * car[1] / length - car[10] * a_x, _ZERO)
+    load_rear = max(_GRAVITY * car[0] / length + car[10] * a_x, _ZERO)
     f_front = car[4] * load_front * grip_front * rational_tanh(car[2] / car[4] * front)
     f_rear = car[5] * load_rear * grip_rear * rational_tanh(car[3] / car[5] * rear)
     s = delta * delta
-    cos = 1.0 - s * (0.5 - s * (1.0 / 24.0))
-    sin = delta * (1.0 - s * (1.0 / 6.0 - s * (1.0 / 120.0)))
+    cos = _ONE - s * (_HALF - s * _24TH)
+    sin = delta * (_ONE - s * (_SIXTH - s * _120TH))
     across = f_front * cos
     return (
         a_x - f_front * sin + rate * v_y,
@@ -126,18 +136,19 @@ def single_track_slope(v_x: Any, v_y: Any, rate: Any, torque: Any, delta: Any, c
 @inlined_kernel
 def single_track_change(v_x: Any, v_y: Any, rate: Any, torque: Any, delta: Any, car: Any) -> Any:
     """Return the change of the state over a tick, SI, and the forces at its start."""
-    half = 0.5 * TICK_S
+    half = _HALF_TICK
     s = single_track_slope(v_x, v_y, rate, torque, delta, car)
     m = single_track_slope(
         v_x + half * s[0], v_y + half * s[1], rate + half * s[2], torque, delta, car
     )
-    return TICK_S * m[0], TICK_S * m[1], TICK_S * m[2], s[3], s[4], s[5]
+    return _TICK * m[0], _TICK * m[1], _TICK * m[2], s[3], s[4], s[5]
 
 
 @inlined_kernel
 def excess(value: Any, limits: Any, k: Any) -> Any:
-    """Return the squared distance of a value from range k of `limits` (3, 6)."""
-    e = max(limits[0, k] - value, value - limits[1, k], 0.0) * limits[2, k]
+    """Return the squared distance of a value from range k of `limits` (18,)."""
+    n = RANGE_QUANTITIES
+    e = max(limits[k] - value, value - limits[n + k], _ZERO) * limits[2 * n + k]
     return e * e
 
 
@@ -145,7 +156,7 @@ def excess(value: Any, limits: Any, k: Any) -> Any:
 def trained_share(
     v_x: Any, v_y: Any, rate: Any, torque: Any, delta: Any, car: Any, limits: Any
 ) -> Any:
-    """Return the weight w of learned features; `limits` (3, 6): low, high, 1 / softness."""
+    """Return the weight w of learned features; `limits` (18,), see `LIMITS_SIZE`."""
     front, rear, _ = slip_angles(v_x, v_y, rate, delta, car)
     total = (
         excess(v_x, limits, 0)
@@ -155,7 +166,7 @@ def trained_share(
         + excess(rear, limits, 4)
         + excess(v_x * rate, limits, 5)
     )
-    return 1.0 / ((1.0 + total) * (1.0 + total))
+    return _ONE / ((_ONE + total) * (_ONE + total))
 
 
 @inlined_kernel
@@ -170,10 +181,10 @@ def single_track_features(
     delta = delta + car[COMMAND + 1]
     c = single_track_change(v_x, v_y, rate, torque, delta, car)
     weight = trained_share(v_x, v_y, rate, torque, delta, car, limits)
-    share = 1.0 - car[BLEND] * weight
+    share = _ONE - car[BLEND] * weight
     return (
         share * c[0] * car[GAIN], share * c[1] * car[GAIN + 1], share * c[2] * car[GAIN + 2],
-        FORCE_SCALE * c[3], FORCE_SCALE * c[4], FORCE_SCALE * c[5], weight,
+        _FORCE_SCALE * c[3], _FORCE_SCALE * c[4], _FORCE_SCALE * c[5], weight,
     )  # fmt: skip
 
 
@@ -185,7 +196,7 @@ def single_track_derivative(
     Write `single_track_features` (7,) at `point` (5,), and their derivatives (7, 5).
 
     By central differences in float64, also where a limit acts. `point` is a scaled state, and a
-    filtered command, SI, less its mean.
+    filtered command, SI, less its mean. `limits` (18,).
     """
     f = single_track_features(point[0], point[1], point[2], point[3], point[4], car, limits)
     for k in range(7):
@@ -193,7 +204,7 @@ def single_track_derivative(
     for j in range(5):
         kept = point[j]
         # Commands are in units of the softness of their range.
-        unit = 1.0 if j < 3 else min(1.0, 1.0 / limits[2, j - 2])
+        unit = 1.0 if j < 3 else min(1.0, 1.0 / limits[2 * RANGE_QUANTITIES + j - 2])
         step = _DIFFERENCE * max(unit, abs(kept))
         point[j] = kept + step
         f = single_track_features(point[0], point[1], point[2], point[3], point[4], car, limits)
@@ -208,8 +219,12 @@ def single_track_derivative(
 def single_track_batch(
     points: FloatArray, car: FloatArray, limits: FloatArray, slopes: FloatArray
 ) -> FloatArray:
-    """Return the features (b, 7) at `points` (b, 5); write their derivatives (b, 7, 5)."""
-    values = np.empty((len(points), 7))
+    """
+    Return the features (b, 7) at `points` (b, 5); write their derivatives (b, 7, 5).
+
+    `limits` (3, 6).
+    """
+    values, flat = np.empty((len(points), 7)), limits.reshape(-1)
     for i in range(len(points)):
-        single_track_derivative(points[i], car, limits, values[i], slopes[i])
+        single_track_derivative(points[i], car, flat, values[i], slopes[i])
     return values

@@ -38,7 +38,8 @@ def single_track_jacobian(
         for c in range(2):
             point[3 + c] += encoder.command_filter[i, c] * row[i]
     slopes = np.empty((SINGLE_TRACK_FEATURES + 1, 5))
-    single_track_derivative(point, encoder.car, encoder.limits, values, slopes)
+    car, limits = encoder.car.astype(np.float64), encoder.limits.reshape(-1).astype(np.float64)
+    single_track_derivative(point, car, limits, values, slopes)
     by_row[:] = 0.0
     for k in range(SINGLE_TRACK_FEATURES + 1):
         by_row[k, :3] = slopes[k, :3]

@@ -247,9 +247,9 @@ def monitor_arrays(rows: IntArray) -> MonitorArrays:
             integers_1(rows, 7),
             singles_1(rows, 8),
             singles_2(rows, 9),
-            floats_1(rows, 10),
+            singles_1(rows, 10),
             singles_2(rows, 11),
-            floats_2(rows, 12),
+            singles_2(rows, 12),
         ),
         RolloutSlots(
             singles_2(rows, 13),
