@@ -55,7 +55,12 @@ class Claim:
 
 @dataclass(frozen=True)
 class PlaceClaim:
-    """A claimed effect at a place: cells with their centres (x, y), m, in the map frame."""
+    """
+    A claimed effect at a place: cells with their centres (x, y), m, in the map frame.
+
+    `recordings`, `days`, `cars`: numbers of those that pass there. On a single day it may be the
+    weather or a load on the road, and not the place.
+    """
 
     effect: str
     parameter: str
@@ -65,6 +70,8 @@ class PlaceClaim:
     high: float
     p_value: float
     recordings: int
+    days: int
+    cars: int
     cells: tuple[str, ...]
     centres: tuple[tuple[float, float], ...]
     ties: tuple[str, ...]
@@ -273,8 +280,9 @@ def _claim(estimate: FleetEstimate, one: Assessment, ties: tuple[str, ...]) -> C
 
 
 def _places(estimate: FleetEstimate) -> list[PlaceClaim]:
-    out = []
+    out, fleet = [], estimate.fleet
     for place in estimate.places:
+        passing = list(place.recordings)
         column = column_of(place.key)
         low, high = _interval(column, *place.interval)
         out.append(
@@ -286,7 +294,9 @@ def _places(estimate: FleetEstimate) -> list[PlaceClaim]:
                 low,
                 high,
                 place.p_value,
-                place.recordings,
+                len(passing),
+                len(np.unique(np.floor(fleet.days[passing]))),
+                len({fleet.cars[r] for r in passing}),
                 tuple(cell.text for cell in place.cells),
                 tuple(cell.centre for cell in place.cells),
                 tuple(column_of(key).effect.name for key in place.alternatives),

@@ -47,8 +47,8 @@ class Place:
     """
     An effect's parameter at cells, on several recordings; sizes in materiality thresholds.
 
-    `alternatives`: keys that explain the cells as well; `recordings`: number that pass there;
-    `p_value`: of the most significant cell when it was found, of whatever effect.
+    `alternatives`: keys that explain the cells as well; `recordings`: indices of those that pass
+    there; `p_value`: of the most significant cell when it was found, of whatever effect.
     """
 
     key: str
@@ -57,7 +57,7 @@ class Place:
     deviation: float
     freedom: float
     p_value: float
-    recordings: int
+    recordings: tuple[int, ...]
     alternatives: tuple[str, ...] = ()
 
     @property
@@ -263,7 +263,7 @@ class PlaceData:
             float(np.sqrt(variance + SYSTEMATIC_ERROR_PER_MATERIALITY**2)),
             whole.freedom,
             p_value(good[seed, found]),
-            max(len(self.cells[cell].recordings) for cell in cells),
+            max((self.cells[cell].recordings for cell in cells), key=len),
             alternatives,
         )
 

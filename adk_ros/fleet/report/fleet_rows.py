@@ -26,7 +26,7 @@ def claim_rows(claims: Sequence[Claim]) -> list[list[str]]:
 
 
 def place_rows(places: Sequence[PlaceClaim]) -> list[list[str]]:
-    """Return effect with its size, place, interval, number of recordings, and ties."""
+    """Return effect with its size, place, interval, who passed on how many days, and ties."""
     rows = []
     for p in places:
         x = sum(c[0] for c in p.centres) / len(p.centres)
@@ -34,7 +34,9 @@ def place_rows(places: Sequence[PlaceClaim]) -> list[list[str]]:
         text = claim_text(p)
         where = f"x {x:.0f} m, y {y:.0f} m ({len(p.cells)} cell{'s' * (len(p.cells) > 1)})"
         ties = listed([title(t) for t in p.ties], "or") or "-"
-        rows.append([text.phrase, where, text.interval, str(p.recordings), ties])
+        days = "on 1 day only" if p.days == 1 else f"on {p.days} days"
+        passing = f"{p.recordings} of {p.cars} car{'s' * (p.cars > 1)} {days}"
+        rows.append([text.phrase, where, text.interval, passing, ties])
     return rows
 
 

@@ -32,7 +32,7 @@ def injected(effect: str, kind: str, car: str = "", tag: str = "", value: str = 
 
 
 def place(effect: str, *centres: tuple[float, float]) -> PlaceClaim:
-    return PlaceClaim(effect, "grade", "rad", 0.1, 0.0, 0.2, 1e-9, 5, (), centres, ())
+    return PlaceClaim(effect, "grade", "rad", 0.1, 0.0, 0.2, 1e-9, 5, 2, 3, (), centres, ())
 
 
 def compared(effects: list[Any], claims: list[Claim], places: tuple[PlaceClaim, ...] = ()):

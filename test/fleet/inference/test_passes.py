@@ -132,7 +132,7 @@ def test_a_place_moves_only_the_recordings_that_pass_it() -> None:
     found = analyse_fleet(evidence_at, simulation, lambda rows: tags)
     (place,) = found.estimate.places
     assert place.cells == (PLACE,)
-    assert place.recordings == len(passing)
+    assert len(place.recordings) == len(passing)
     assert set(asked[0]) == set(fleet.names)
     assert len(asked) > 1
     assert all(set(names) <= passing for names in asked[1:])

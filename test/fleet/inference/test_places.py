@@ -130,7 +130,7 @@ def test_what_a_known_place_leaves_next_to_it_is_no_second_one() -> None:
     rows = _rows(0.3, size=6.0, last=(20, 22))
     data = PlaceData(rows, NAMES, dict.fromkeys(NAMES, 1.0))
     at = np.zeros((RECORDINGS, 2))
-    known = Place(KEY, (Cell(20, 0, 0),), 0.0, 1.0, 9.0, 1e-9, RECORDINGS)
+    known = Place(KEY, (Cell(20, 0, 0),), 0.0, 1.0, 9.0, 1e-9, tuple(range(RECORDINGS)))
     places = data.select(at, SIGNIFICANCE, [known])
     assert [place.cells for place in places[:1]] == [known.cells]
     assert all(Cell(21, 0, 0) not in place.cells for place in places)
@@ -151,7 +151,7 @@ def test_a_known_place_that_is_not_seen_any_more_is_dropped() -> None:
     # The recordings were linearised at a size of 3, of which they show nothing.
     rows = _rows(0.3, size=-3.0)
     data = PlaceData(rows, NAMES, dict.fromkeys(NAMES, 1.0))
-    known = Place(KEY, (Cell(20, 0, 0),), 3.0, 0.1, 9.0, 1e-9, RECORDINGS)
+    known = Place(KEY, (Cell(20, 0, 0),), 3.0, 0.1, 9.0, 1e-9, tuple(range(RECORDINGS)))
     assert data.select(np.zeros((RECORDINGS, 2)), SIGNIFICANCE, [known]) == []
     undone = data.correction([], [known], (RECORDINGS, 2))
     np.testing.assert_allclose(undone[:, 0], -300.0)

@@ -27,7 +27,7 @@ from adk_ros.fleet.inference.places import Place
 from adk_ros.fleet.report.claim_text import claim_text
 from adk_ros.fleet.report.fleet_comparison import compared_claims, write_comparison
 from adk_ros.fleet.report.fleet_page import write_fleet_page
-from adk_ros.fleet.report.fleet_rows import summary_sentence, unplaced_text
+from adk_ros.fleet.report.fleet_rows import place_rows, summary_sentence, unplaced_text
 from adk_ros.mismatch.deployment.surrogate_file import SurrogateFile
 from adk_ros.mismatch.library.surrogate_parameters import default_parameters
 from adk_ros.mismatch.report.vocabulary import title
@@ -52,7 +52,7 @@ def result(drag: float = 5.0) -> FleetResult:
     selection = Selection(fleet)
     model = selection.select()
     cells = (Cell(3, 4, 0), Cell(4, 4, 0))
-    place = Place("road_grade.grade", cells, 6.0, 0.5, 9.0, 1e-9, 10)
+    place = Place("road_grade.grade", cells, 6.0, 0.5, 9.0, 1e-9, tuple(range(10)))
     estimate = FleetEstimate(
         fleet,
         selection,
@@ -88,6 +88,10 @@ def test_the_page_shows_claims_vehicles_trends_places_and_links(tmp_path: Path) 
     assert 'href="drive003/report.html"' in text
     assert 'href="corrected_all.yaml"' in text
     assert "bag is truncated" in text
+    place = result().places[0]
+    assert (place.recordings, place.days, place.cars) == (10, 10, 4)
+    assert "10 of 4 cars on 10 days" in text
+    assert place_rows([replace(place, days=1, cars=1)])[0][3] == "10 of 1 car on 1 day only"
     for figure in ("vehicles.png", "map.png", "trend_0.png"):
         assert (tmp_path / figure).stat().st_size > 1000
     assert (tmp_path / "fleet.json").exists()
