@@ -35,7 +35,8 @@ def real(
     part: Annotated[
         list[str] | None,
         typer.Option(
-            help="faults, terms, slopes or predictions (repeatable): run this part only",
+            help="faults, terms, conditions, slopes or predictions (repeatable): run this part "
+            "only",
             show_default="all of them",
         ),
     ] = None,
@@ -56,6 +57,11 @@ def real(
     `adk mismatch` must name them on the rest. The recording is read with the parameters that
     `adk check` proposes. Needs a vehicle.yaml (mass, wheelbase) in the vehicle's folder. Takes
     1 to 5 min a recording.
+
+    conditions: tyres, a load or the surface changed between two recordings; `adk mismatch` must
+    name what has changed, with a model that is calibrated on the first one as the simulation. The
+    vehicle's folder needs a vehicle.yaml and a conditions.yaml, which lists the pairs. Takes 1 to
+    2 min a pair.
 
     slopes: the attitude of a navigation system is withheld; `adk check` must find the grade.
 
@@ -80,6 +86,7 @@ def real(
     if out is not None:
         rows = [x.as_dict() for x in result.outcomes]
         rows += [x.as_dict() for x in result.terms]
+        rows += [x.as_dict() for x in result.conditions]
         rows += [x.as_dict() for x in result.slopes]
         rows += [x.as_dict() for x in result.predictions]
         lines = [json.dumps(row) for row in rows]
@@ -102,6 +109,10 @@ def _print(result: RealBench) -> None:
     if result.terms:
         rows = scores_by(result.terms, lambda x: x.term or "nothing")
         _print_scores("removed term", "unknown", rows)
+    for pair in result.conditions:
+        right = "named" if pair.is_named else "not named" if pair.effects else "nothing changed"
+        text = f"{pair.vehicle}, {pair.recording}: {pair.change} ({right}): {pair.sentence}"
+        console.output.print(text, markup=False)
     for slope in result.slopes:
         text = f"{slope.vehicle}, {slope.recording}: {slope.slope} without attitude correlates "
         text += f"{slope.correlation:.3f} with it, scale {slope.scale:.2f}, RMS {slope.spread:.1%}"

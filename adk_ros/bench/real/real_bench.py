@@ -3,8 +3,8 @@
 """
 Run `adk bench real`: what is said of real recordings of which something is known.
 
-Faults are injected into the readings, terms are removed from a model of the car, the attitude is
-withheld, and what comes next is predicted.
+Faults are injected into the readings, terms are removed from a model of the car, conditions have
+changed between two recordings, the attitude is withheld, and what comes next is predicted.
 """
 
 from __future__ import annotations
@@ -15,6 +15,11 @@ from pathlib import Path
 
 from adk_ros.bags.recording import RecordingOptions
 from adk_ros.bench.paper.training_jobs import BenchPlan
+from adk_ros.bench.real.changed_conditions import (
+    CONDITIONS_FILE,
+    ConditionOutcome,
+    condition_outcomes,
+)
 from adk_ros.bench.real.checked_recording import read_checked
 from adk_ros.bench.real.fault_cases import Pairing, pairings, recordings_by_vehicle
 from adk_ros.bench.real.injected_faults import INJECTIONS
@@ -36,7 +41,8 @@ from adk_ros.mismatch.report.summary import sentence
 
 OTHER_COURSE = "pair, other course"
 """Kind of a comparison with a recording of another course, whose slope, bank and speeds differ."""
-FAULTS, TERMS, SLOPES, PREDICTIONS = PARTS = ("faults", "terms", "slopes", "predictions")
+PARTS = ("faults", "terms", "conditions", "slopes", "predictions")
+FAULTS, TERMS, CONDITIONS, SLOPES, PREDICTIONS = PARTS
 """What the benchmark consists of."""
 VEHICLE_FILE = "vehicle.yaml"
 """Mass and wheelbase of a vehicle, in the folder of its recordings."""
@@ -68,8 +74,8 @@ class RealBench:
     """
     Outcomes of all comparisons.
 
-    `terms`: of removed terms, `slopes`: of withheld attitudes, `predictions`: ratios to the naive
-    predictors.
+    `terms`: of removed terms, `conditions`: of changes between two recordings, `slopes`: of
+    withheld attitudes, `predictions`: ratios to the naive predictors.
 
     `left_out`: faults that a comparison, and terms that a recording cannot show, by "vehicle,
     comparison". `refused`: a line for each recording or comparison that could not be used.
@@ -79,6 +85,7 @@ class RealBench:
     left_out: dict[str, list[str]]
     refused: list[str]
     terms: list[TermOutcome] = field(default_factory=list)
+    conditions: list[ConditionOutcome] = field(default_factory=list)
     slopes: list[SlopeOutcome] = field(default_factory=list)
     predictions: list[RatioOutcome] = field(default_factory=list)
 
@@ -105,6 +112,8 @@ def bench_real(
         out = _with_faults(bags, sizes, report)
     if TERMS in selected:
         out = _with_terms(out, bags, report)
+    if CONDITIONS in selected:
+        out = _with_conditions(out, bags, report)
     if SLOPES in selected:
         out = _with_slopes(out, bags)
     if PREDICTIONS in selected:
@@ -137,6 +146,23 @@ def _with_terms(result: RealBench, bags: dict[str, list[Path]], report: Progress
             done += 1
             report(done, count)
     return replace(result, terms=terms, left_out=left_out, refused=refused)
+
+
+def _with_conditions(
+    result: RealBench, bags: dict[str, list[Path]], report: Progress
+) -> RealBench:
+    """Return the result with what is said of changes between two recordings of a vehicle."""
+    conditions, refused = [], list(result.refused)
+    for done, (vehicle, paths) in enumerate(bags.items(), start=1):
+        folder = paths[0].parent
+        file = folder / VEHICLE_FILE
+        if file.is_file():
+            nominal = load_nominal_vehicle(file)
+            conditions += list(condition_outcomes(vehicle, folder, nominal, sentence, refused))
+        elif (folder / CONDITIONS_FILE).is_file():
+            refused.append(f"{vehicle}: no {VEHICLE_FILE} in its folder: no pair is compared")
+        report(done, len(bags))
+    return replace(result, conditions=conditions, refused=refused)
 
 
 def _with_slopes(result: RealBench, bags: dict[str, list[Path]]) -> RealBench:

@@ -141,17 +141,26 @@ def parts(log: SensorLog) -> tuple[SensorLog, SensorLog]:
 
     :raises DataError: the car hardly moves.
     """
-    moving = longest_moving_segment(log) if not log.imu_s.size else log
-    begin, end = float(moving.odometry_s[0]), float(moving.odometry_s[-1])
-    spare = max(0.5 * (end - begin - MAX_SECONDS), 0.0)
-    begin, end = begin + spare, end - spare
+    moving, begin, end = middle(log)
     at = begin + CALIBRATION_SHARE * (end - begin)
+    return between(moving, begin, at), between(moving, at, end)
+
+
+def middle(log: SensorLog) -> tuple[SensorLog, float, float]:
+    """
+    Return the driving of a recording, and begin and end of its middle `MAX_SECONDS`, s.
+
+    :raises DataError: the car stands still.
+    """
+    moving = longest_moving_segment(log) if not log.imu_s.size else log
     if not np.any(np.abs(moving.odometry[:, 0]) > 0.0):
         raise DataError(f"{log.name}: the car stands still")
-    return _between(moving, begin, at), _between(moving, at, end)
+    begin, end = float(moving.odometry_s[0]), float(moving.odometry_s[-1])
+    spare = max(0.5 * (end - begin - MAX_SECONDS), 0.0)
+    return moving, begin + spare, end - spare
 
 
-def _between(log: SensorLog, begin_s: float, end_s: float) -> SensorLog:
+def between(log: SensorLog, begin_s: float, end_s: float) -> SensorLog:
     """Return an interval of a recording, whose time begins with it: a share of it is held out."""
     part = log.between(begin_s, end_s)
     return replace(

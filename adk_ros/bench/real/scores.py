@@ -64,6 +64,7 @@ def criteria(result: RealBench) -> list[Criterion]:
     return [
         *_of_faults(result),
         *_of_terms(result),
+        *_of_conditions(result),
         *_of_slopes(result),
         *_of_predictions(result),
     ]
@@ -98,6 +99,18 @@ def _of_terms(result: RealBench) -> list[Criterion]:
                   error is not None and error <= MAX_MEDIAN_ERROR, len(removed)),
         Criterion("other physics named, with and without a removed term", float(wrong), "0",
                   bool(complete) and wrong == 0, len(result.terms)),
+    ]  # fmt: skip
+
+
+def _of_conditions(result: RealBench) -> list[Criterion]:
+    changed = [x for x in result.conditions if x.effects]
+    named = score("all", changed).named
+    wrong = sum(len(x.false_claims) for x in result.conditions)
+    return [
+        Criterion("changed conditions named", named, f"at least {MIN_NAMED:g}",
+                  bool(changed) and named >= MIN_NAMED, len(changed)),
+        Criterion("other physics named between two recordings", float(wrong), "0",
+                  bool(result.conditions) and wrong == 0, len(result.conditions)),
     ]  # fmt: skip
 
 
@@ -143,6 +156,7 @@ def as_dict(result: RealBench) -> dict[str, object]:
         "by_kind": [asdict(x) for x in scores_by(faults(result), lambda x: x.kind)],
         "removed_terms": [x.as_dict() for x in result.terms],
         "by_term": [asdict(x) for x in scores_by(result.terms, lambda x: x.term)],
+        "conditions": [x.as_dict() for x in result.conditions],
         "slopes": [x.as_dict() for x in result.slopes],
         "predictions": [x.as_dict() for x in result.predictions],
         "untouched": [x.as_dict() for x in untouched(result)],

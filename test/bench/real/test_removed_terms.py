@@ -140,18 +140,20 @@ def test_scores_and_criteria_of_terms_and_slopes() -> None:
     flat = replace(grade, correlation=0.2, is_counted=False)
 
     def verdicts(*terms: TermOutcome, slope: SlopeOutcome = grade) -> list[str]:
-        result = RealBench([], {}, [], list(terms), [slope, flat])
+        result = RealBench([], {}, [], list(terms), slopes=[slope, flat])
         assert as_dict(result)["removed_terms"] == [x.as_dict() for x in terms]
         return [x.verdict for x in criteria(result)]
 
-    assert verdicts(outcome(), nothing) == ["NONE"] * 3 + ["PASS"] * 5 + ["NONE"] * 2
+    none, passed = ["NONE"], ["PASS"]
+    # Of faults, terms, changed conditions, slopes and predictions.
+    assert verdicts(outcome(), nothing) == 3 * none + 3 * passed + 2 * none + 2 * passed + 2 * none
     assert verdicts(missed, nothing)[3:5] == ["FAIL", "FAIL"]
     claimed = replace(nothing, false_claims=("formula",))
     assert verdicts(outcome(), claimed)[5] == "FAIL"
-    assert verdicts(nothing, slope=replace(grade, correlation=0.9))[6] == "FAIL"
-    assert verdicts(nothing, slope=replace(grade, v_x_error=(0.4, 0.1, 0.06)))[7] == "FAIL"
+    assert verdicts(nothing, slope=replace(grade, correlation=0.9))[8] == "FAIL"
+    assert verdicts(nothing, slope=replace(grade, v_x_error=(0.4, 0.1, 0.06)))[9] == "FAIL"
     # Where the attitude does not remove the error either, something else dominates it.
-    assert verdicts(nothing, slope=replace(grade, v_x_error=(0.4, 0.1, 0.1)))[7] == "NONE"
+    assert verdicts(nothing, slope=replace(grade, v_x_error=(0.4, 0.1, 0.1)))[9] == "NONE"
 
 
 def test_a_vehicle_without_file_is_listed(tmp_path: Path) -> None:
