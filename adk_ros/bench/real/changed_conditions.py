@@ -6,6 +6,9 @@ Pairs of real recordings of one vehicle between which something is known to have
 Tyres, a load or the surface: a surrogate model is calibrated on the recording before the change
 and is the simulation of the one after it. What has changed must be named; of a pair without a
 change, nothing may be. `conditions.yaml` in the folder of a vehicle lists the pairs.
+
+Calibrations of the sensors are not counted: the surrogate model has none of those of the reference,
+and both recordings have them.
 """
 
 from __future__ import annotations
@@ -26,6 +29,7 @@ from adk_ros.mismatch.analysis import identify_mismatch
 from adk_ros.mismatch.inference.observability import observable_effects
 from adk_ros.mismatch.inference.result import UNKNOWN, MismatchResult
 from adk_ros.mismatch.library.catalogue import EFFECTS
+from adk_ros.mismatch.library.categories import CALIBRATION, category_of
 from adk_ros.mismatch.recording.dead_channels import without_dead_channels
 from adk_ros.mismatch.recording.nominal_vehicle import NominalVehicle
 from adk_ros.mismatch.recording.sensor_log import SensorLog
@@ -68,7 +72,7 @@ class ConditionOutcome(Outcome):
     """
     What was said of a pair; `recording`: "after, against before".
 
-    `change` and `effects`: of the pair. `false_claims`: other effects, and "formula". `sentence`:
+    `change` and `effects`: of the pair. `false_claims`: other physics, and "formula". `sentence`:
     the result in words.
     """
 
@@ -152,7 +156,8 @@ def outcome_of(
     """Return the outcome of a pair, given the result."""
     right = set(pair.effects)
     of_it = [x for x in found.effects if right & {x.effect.name, *x.alternatives}]
-    false_claims = [x.effect.name for x in found.effects if x not in of_it]
+    others = [x.effect.name for x in found.effects if x not in of_it]
+    false_claims = [name for name in others if category_of(name) != CALIBRATION]
     if found.unexplained is not None and found.unexplained.expression:
         false_claims.append("formula")
     return ConditionOutcome(

@@ -54,6 +54,9 @@ def test_any_of_the_effects_is_right_and_others_are_false_claims() -> None:
     assert tied.is_named
     assert not tied.is_alone
     assert tied.false_claims == ()
+    # The surrogate lacks the calibrations of the reference as well.
+    arm = identified("imu_lever_arm", -0.1, -0.12, -0.08)
+    assert said(result_of("", (arm,))).false_claims == ()
     nothing = PAIR.model_copy(update={"effects": []})
     assert said(result_of("", (shifted,)), nothing).false_claims == ("cg_shift",)
 
