@@ -7,8 +7,8 @@ Tyres, a load or the surface: a surrogate model is calibrated on the recording b
 and is the simulation of the one after it. What has changed must be named; of a pair without a
 change, nothing may be. `conditions.yaml` in the folder of a vehicle lists the pairs.
 
-Calibrations of the sensors are not counted: the surrogate model has none of those of the reference,
-and both recordings have them.
+Calibrations of the sensors are not counted: the surrogate model has none of those of the
+reference, and both recordings have them.
 """
 
 from __future__ import annotations
