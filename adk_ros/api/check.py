@@ -30,11 +30,13 @@ class RecordingCheck:
     The checks of one recording.
 
     `path`: the bag. `content`: what it holds. `result`: findings, proposed parameters, advice.
+    `length_scale`: of the vehicle (`numerics.similarity`), None without a vehicle file.
     """
 
     path: Path
     content: BagContent
     result: CheckResult
+    length_scale: float | None = None
 
     @property
     def frame(self) -> pd.DataFrame:
@@ -63,7 +65,7 @@ class RecordingCheck:
         """What the recording allows: name, possible (yes, reduced, no), why and needs."""
         from adk_ros.calibration.scope import scope_of
 
-        return [row.as_dict() for row in scope_of(self.content)]
+        return [row.as_dict() for row in scope_of(self.content, self.length_scale)]
 
     def _road_summary(self) -> dict[str, Any] | None:
         from adk_ros.api.road import road_summary
@@ -163,7 +165,8 @@ def check_recording(
             "an assumed length is no measure for sensors; measure and add them"
         )
     found = check(content, nominal, in_stage(progress, "checking"), assumed)
-    return RecordingCheck(Path(recording), content, found)
+    scale = None if nominal is None else nominal.length_scale
+    return RecordingCheck(Path(recording), content, found, scale)
 
 
 @dataclass(frozen=True)

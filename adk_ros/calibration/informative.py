@@ -53,13 +53,15 @@ def informative(
     streams: Streams,
     unusable: list[Interval],
     command_type: str,
-    is_torque_estimated: bool = False,
+    is_scale_model: bool,
+    is_torque_estimated: bool,
 ) -> Informative:
     """
     Return which channels of a recording are informative.
 
     :param unusable: intervals (s) of gaps, frozen readings and jumps.
     :param command_type: key of `COMMAND_TYPES`, empty without a command.
+    :param is_scale_model: whether the vehicle is one: the wheels of a 1:10 car take some 0.1 N·m.
     :param is_torque_estimated: whether the command says so.
     """
     odometry, command, imu = streams.odometry, streams.command, streams.imu
@@ -72,11 +74,7 @@ def informative(
             torque = "the command is an acceleration: a torque inferred from it is no measurement"
         elif is_torque_estimated:
             torque = "the torque is estimated from pedals by a map fitted to the motion"
-        elif (
-            float(np.nanmax(np.abs(command["torque"]))) <= MAX_PEDAL
-            # The wheels of a 1:10 car take some 0.1 N·m.
-            and not is_scale_model(odometry, command)
-        ):
+        elif float(np.nanmax(np.abs(command["torque"]))) <= MAX_PEDAL and not is_scale_model:
             torque = "the torque stays within ±1: it is a pedal or a normalised command"
     gyro = _lacking(imu, "the IMU", "w_z")
     turning = _lacking(odometry, "odometry", "yaw_rate")
@@ -109,24 +107,29 @@ def _lacking(stream: Stream | None, title: str, column: str) -> str:
 
 
 def is_scale_model(odometry: Stream | None, command: Stream | None) -> bool:
-    """
-    Whether steering and curvature imply the wheelbase of a scale model, L = delta v_x / r.
+    """Whether steering and curvature imply the wheelbase of a scale model."""
+    return implied_length_scale(odometry, command) < 1.0
 
-    A wrong unit or a steering ratio makes the angle larger, never smaller. Regressed on the angle,
-    noise does so as well.
+
+def implied_length_scale(odometry: Stream | None, command: Stream | None) -> float:
+    """
+    Return the scale of lengths of the wheelbase L = delta v_x / r by steering and curvature.
+
+    1 if it is full-size or not known. A wrong unit or a steering ratio makes the angle larger,
+    never smaller. Regressed on the angle, noise does so as well.
     """
     if odometry is None or command is None:
-        return False
-    if not (odometry.has("v_x") and odometry.has("yaw_rate")):
-        return False
+        return 1.0
+    if not (odometry.has("v_x") and odometry.has("yaw_rate") and command.has("steering")):
+        return 1.0
     moving = odometry["v_x"] > STANDING_SPEED
     angle = np.interp(odometry.at_s, command.at_s, command["steering"])[moving]
     curvature = odometry["yaw_rate"][moving] / odometry["v_x"][moving]
     if angle.size < 2 or not (np.ptp(angle) > 0.0 and np.ptp(curvature) > 0.0):
-        return False
+        return 1.0
     if np.corrcoef(angle, curvature)[0, 1] < MIN_CORRELATION:
-        return False
-    return length_scale(float(angle @ angle / (angle @ curvature))) < 1.0
+        return 1.0
+    return length_scale(float(angle @ angle / (angle @ curvature)))
 
 
 def _pose(odometry: Stream | None) -> str:

@@ -14,9 +14,10 @@ from enum import Enum
 
 from adk_ros.calibration.criteria import MIN_MOVING_S
 from adk_ros.calibration.from_bag import BagContent
-from adk_ros.calibration.informative import Informative, informative
+from adk_ros.calibration.informative import Informative, implied_length_scale, informative
 from adk_ros.calibration.stream_checks import check_streams
 from adk_ros.calibration.streams import Streams
+from adk_ros.numerics.similarity import time_scale
 from adk_ros.road.recorded_drive import MIN_STEPS, STEP_S
 from adk_ros.train.train_settings import MIN_TRAINING_S
 
@@ -66,28 +67,37 @@ Reason = tuple[str, str]
 """Why something is not possible, empty if it is, and which channel would allow it."""
 
 
-def scope_of(content: BagContent) -> list[Scope]:
-    """Return what a recording allows, row by row."""
-    estimated = content.joints.is_torque_estimated
-    return scope_of_streams(content.streams, content.command_type, is_torque_estimated=estimated)
+def scope_of(content: BagContent, length_scale: float | None = None) -> list[Scope]:
+    """
+    Return what a recording allows, row by row.
+
+    :param length_scale: of the vehicle (`numerics.similarity`); None: that which steering and
+        curvature imply.
+    """
+    streams, estimated = content.streams, content.joints.is_torque_estimated
+    if length_scale is None:
+        length_scale = implied_length_scale(streams.odometry, streams.command)
+    return scope_of_streams(streams, content.command_type, length_scale, estimated)
 
 
 def scope_of_streams(
     streams: Streams,
     command_type: str,
-    least_judged_s: float = MIN_JUDGED_S,
+    length_scale: float = 1.0,
     is_torque_estimated: bool = False,
 ) -> list[Scope]:
     """
     Return what the streams of a recording allow, row by row.
 
     :param command_type: key of `signals.commands.COMMAND_TYPES`, empty without a command.
-    :param least_judged_s: driving that a comparison needs, s: less of a scale model.
+    :param length_scale: of the vehicle: a comparison needs less driving of a scale model.
     :param is_torque_estimated: whether the torque was estimated from the motion.
     """
     faults = check_streams(streams)
-    about = informative(streams, faults.unusable, command_type, is_torque_estimated)
-    judged = _judge(about, least_judged_s)
+    about = informative(
+        streams, faults.unusable, command_type, length_scale < 1.0, is_torque_estimated
+    )
+    judged = _judge(about, MIN_JUDGED_S * time_scale(length_scale))
     return [*_predict(about), *judged, *_road(about), _calibration(about)]
 
 

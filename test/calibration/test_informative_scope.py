@@ -127,6 +127,27 @@ def test_the_least_duration_is_that_of_mismatch() -> None:
     assert MIN_JUDGED_S == MIN_DURATION_S
 
 
+def test_a_scale_model_needs_less_driving() -> None:
+    streams = recorded(26.0)
+    assert streams.odometry is not None
+    assert streams.command is not None
+    curvature = 0.05 * np.sin(0.8 * streams.odometry.at_s)
+    turning = changed(streams, "odometry", yaw_rate=streams.odometry["v_x"] * curvature)
+    steering = 0.05 * np.sin(0.8 * streams.command.at_s)
+
+    def judged(wheelbase: float, length_scale: float | None = None) -> Possible:
+        steered = changed(turning, "command", steering=wheelbase * steering)
+        content = BagContent(steered, {}, SensorConfig(), JointTable(), "joint_state", [])
+        rows = {row.name: row for row in scope_of(content, length_scale)}
+        return rows["judge yaw rate"].possible
+
+    # By the wheelbase that the steering implies, unless the vehicle is known.
+    assert judged(2.7) is Possible.NO
+    assert judged(0.27) is Possible.YES
+    assert judged(2.7, length_scale=0.1) is Possible.YES
+    assert judged(0.27, length_scale=1.0) is Possible.NO
+
+
 def stream(name: str, seconds: float = 90.0, **columns: FloatArray | float) -> Stream:
     at = np.arange(0.0, seconds, 0.1)
     return Stream(

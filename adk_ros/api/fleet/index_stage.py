@@ -61,7 +61,9 @@ class IndexStage:
         except AdkError as error:
             checks = [{"kind": "warning", "finding": "not checked", "text": str(error)}]
         else:
-            about["scope"] = [row.as_dict() for row in scope_of(checked.content)]
+            about["scope"] = [
+                row.as_dict() for row in scope_of(checked.content, checked.length_scale)
+            ]
             checks = [
                 {
                     "kind": "check",

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from adk_ros.calibration.scope import MIN_JUDGED_S, Scope, scope_of_streams
+from adk_ros.calibration.scope import Scope, scope_of_streams
 from adk_ros.calibration.streams import Stream, Streams
 from adk_ros.mismatch.recording.sensor_log import SensorLog
 from adk_ros.numerics.arrays import FloatArray
@@ -35,7 +35,7 @@ def recorded_scope(log: SensorLog) -> list[Scope]:
     streams = Streams(log.name, log.duration_s, imu, odometry, command, attitude=attitude)
     inferred = log.torque_is_inferred
     kind = next(key for key, x in COMMAND_TYPES.items() if x.inferred_torque == inferred)
-    return scope_of_streams(streams, kind, log.similar(MIN_JUDGED_S))
+    return scope_of_streams(streams, kind, log.length_scale)
 
 
 def _stream(
