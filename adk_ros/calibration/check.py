@@ -203,7 +203,9 @@ def _fine(
             out += check_torque(s, mass, radius)
         out += check_joints(s, streams.wheels, radius)
     out += check_wheels(s, streams.wheel_speeds, radius)
-    out += check_pedals(s, streams, mass, radius)
+    wheelbase = _wheelbase(vehicle)
+    size = None if wheelbase is None else length_scale(wheelbase)
+    out += check_pedals(s, streams, mass, radius, size)
     return out
 
 

@@ -20,6 +20,8 @@ from adk_ros.signals.moving_speed import STANDING_SPEED
 
 MAX_PEDAL = 1.0
 """Largest value of a normalised pedal; a torque in N·m that moves a car exceeds it."""
+_SHORTEST_WHEELBASE = 0.09
+"""m: that of a 1:28 car is 0.098 m."""
 MAX_POSITION = 1e7
 """m: the largest northing of UTM (10 000 km); beyond it no map frame has a place."""
 
@@ -106,17 +108,13 @@ def _lacking(stream: Stream | None, title: str, column: str) -> str:
     return f"{column} of {title} is {values[0] + 0.0:g} throughout"
 
 
-def is_scale_model(odometry: Stream | None, command: Stream | None) -> bool:
-    """Whether steering and curvature imply the wheelbase of a scale model."""
-    return implied_length_scale(odometry, command) < 1.0
-
-
 def implied_length_scale(odometry: Stream | None, command: Stream | None) -> float:
     """
     Return the scale of lengths of the wheelbase L = delta v_x / r by steering and curvature.
 
-    1 if it is full-size or not known. A wrong unit or a steering ratio makes the angle larger,
-    never smaller. Regressed on the angle, noise does so as well.
+    1 if it is full-size, not known, or shorter than that of any car: a yaw rate in deg/s. A wrong
+    unit or a steering ratio makes the angle larger, never smaller. Regressed on the angle, noise
+    does so as well.
     """
     if odometry is None or command is None:
         return 1.0
@@ -129,7 +127,10 @@ def implied_length_scale(odometry: Stream | None, command: Stream | None) -> flo
         return 1.0
     if np.corrcoef(angle, curvature)[0, 1] < MIN_CORRELATION:
         return 1.0
-    return length_scale(float(angle @ angle / (angle @ curvature)))
+    # Less their means: the steering may have an offset.
+    angle, curvature = angle - angle.mean(), curvature - curvature.mean()
+    wheelbase = float(angle @ angle / (angle @ curvature))
+    return length_scale(wheelbase) if wheelbase > _SHORTEST_WHEELBASE else 1.0
 
 
 def _pose(odometry: Stream | None) -> str:

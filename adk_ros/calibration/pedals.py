@@ -11,7 +11,7 @@ import numpy as np
 from adk_ros.calibration.criteria import MIN_CORRELATION
 from adk_ros.calibration.finding import Finding, Verdict, not_decidable
 from adk_ros.calibration.grid import Signals
-from adk_ros.calibration.informative import MAX_PEDAL, is_scale_model
+from adk_ros.calibration.informative import MAX_PEDAL, implied_length_scale
 from adk_ros.calibration.pedal_map import ForceTable, PedalMap, PedalSamples, fit_pedals
 from adk_ros.calibration.regression import Estimate
 from adk_ros.calibration.streams import Stream, Streams
@@ -23,11 +23,21 @@ _BRAKES = ("brake_pressure", "brake_pedal")
 
 
 def check_pedals(
-    s: Signals, streams: Streams, mass: float | None, wheel_radius: float | None
+    s: Signals,
+    streams: Streams,
+    mass: float | None,
+    wheel_radius: float | None,
+    length_scale: float | None = None,
 ) -> Iterator[Finding]:
-    """Yield the map of the pedals, if there are pedals and no torque."""
+    """
+    Yield the map of the pedals, if there are pedals and no torque.
+
+    `length_scale`: of the vehicle; None: that which steering and curvature imply.
+    """
+    if length_scale is None:
+        length_scale = implied_length_scale(streams.odometry, streams.command)
     is_combined = s.torque is not None and float(np.abs(s.torque).max()) <= MAX_PEDAL
-    is_combined = is_combined and not is_scale_model(streams.odometry, streams.command)
+    is_combined = is_combined and length_scale == 1.0
     if s.torque is not None and not is_combined:
         return
     pedals = dict(streams.pedals)

@@ -74,25 +74,26 @@ def scope_of(content: BagContent, length_scale: float | None = None) -> list[Sco
     :param length_scale: of the vehicle (`numerics.similarity`); None: that which steering and
         curvature imply.
     """
-    streams, estimated = content.streams, content.joints.is_torque_estimated
-    if length_scale is None:
-        length_scale = implied_length_scale(streams.odometry, streams.command)
-    return scope_of_streams(streams, content.command_type, length_scale, estimated)
+    estimated = content.joints.is_torque_estimated
+    return scope_of_streams(content.streams, content.command_type, length_scale, estimated)
 
 
 def scope_of_streams(
     streams: Streams,
     command_type: str,
-    length_scale: float = 1.0,
+    length_scale: float | None = None,
     is_torque_estimated: bool = False,
 ) -> list[Scope]:
     """
     Return what the streams of a recording allow, row by row.
 
     :param command_type: key of `signals.commands.COMMAND_TYPES`, empty without a command.
-    :param length_scale: of the vehicle: a comparison needs less driving of a scale model.
+    :param length_scale: of the vehicle: a comparison needs less driving of a scale model. None:
+        that which steering and curvature imply.
     :param is_torque_estimated: whether the torque was estimated from the motion.
     """
+    if length_scale is None:
+        length_scale = implied_length_scale(streams.odometry, streams.command)
     faults = check_streams(streams)
     about = informative(
         streams, faults.unusable, command_type, length_scale < 1.0, is_torque_estimated

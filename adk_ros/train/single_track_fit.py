@@ -56,6 +56,11 @@ and tyres differ by as much.
 """
 _MIN_WIDTH = 1e-6
 """Smallest width of a range, SI: a constant quantity must not be divided by zero."""
+_MIN_RELATIVE_WIDTH = 1e-4
+"""
+Smallest width of a range relative to its ends: float32 rounds a quantity by 1e-7, and its distance
+from the range counts in tenths of the width.
+"""
 _MIN_CHANGE = 1e-6
 """In standard deviations, as in `network_fit`."""
 _CENTRAL = (0.1, 99.9)
@@ -244,7 +249,8 @@ def trained_limits(parameters: SingleTrackParameters, x: FloatArray, u: FloatArr
         ]
     )
     low, high = np.nanpercentile(quantities, _CENTRAL, axis=0)
-    width = np.maximum(high - low, _MIN_WIDTH)
+    least = np.maximum(_MIN_WIDTH, _MIN_RELATIVE_WIDTH * np.maximum(np.abs(low), np.abs(high)))
+    width = np.maximum(high - low, least)
     return np.stack([low, high, 1.0 / (RANGE_SOFTNESS * width)])
 
 

@@ -135,8 +135,10 @@ def test_a_scale_model_needs_less_driving() -> None:
     turning = changed(streams, "odometry", yaw_rate=streams.odometry["v_x"] * curvature)
     steering = 0.05 * np.sin(0.8 * streams.command.at_s)
 
-    def judged(wheelbase: float, length_scale: float | None = None) -> Possible:
-        steered = changed(turning, "command", steering=wheelbase * steering)
+    def judged(
+        wheelbase: float, length_scale: float | None = None, offset: float = 0.0
+    ) -> Possible:
+        steered = changed(turning, "command", steering=wheelbase * steering + offset)
         content = BagContent(steered, {}, SensorConfig(), JointTable(), "joint_state", [])
         rows = {row.name: row for row in scope_of(content, length_scale)}
         return rows["judge yaw rate"].possible
@@ -146,6 +148,10 @@ def test_a_scale_model_needs_less_driving() -> None:
     assert judged(0.27) is Possible.YES
     assert judged(2.7, length_scale=0.1) is Possible.YES
     assert judged(0.27, length_scale=1.0) is Possible.NO
+    # An offset of the steering is no wheelbase; one of 47 mm is a yaw rate in deg/s.
+    assert judged(2.7, offset=-0.1) is Possible.NO
+    assert judged(0.27, offset=-0.1) is Possible.YES
+    assert judged(2.7 / 57.3) is Possible.NO
 
 
 def stream(name: str, seconds: float = 90.0, **columns: FloatArray | float) -> Stream:

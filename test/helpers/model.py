@@ -97,8 +97,7 @@ def weights(lift: Lift) -> EncoderArrays:
     empty |= {"limits": np.zeros((3, 6))}
     for name, value in empty.items():
         stored = given.get(f"single_track.{name}", value)
-        given[name] = stored if name == "command_filter" else stored.astype(np.float64)
-    given["command_filter"] = given["command_filter"].astype(np.float32)
+        given[name] = stored.astype(np.float32)
     return EncoderArrays(**{name: given[name] for name in EncoderArrays._fields})
 
 

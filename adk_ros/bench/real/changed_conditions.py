@@ -7,8 +7,9 @@ Tyres, a load or the surface: a surrogate model is calibrated on the recording b
 and is the simulation of the one after it. What has changed must be named; of a pair without a
 change, nothing may be. `conditions.yaml` in the folder of a vehicle lists the pairs.
 
-Calibrations of the sensors are not counted: the surrogate model has none of those of the
-reference, and both recordings have them.
+Both are read with the parameters that `adk check` proposes for the reference: those of the other
+one might hide what has changed. Calibrations of the sensors are not counted: the surrogate model
+contains no errors of sensors, so that those of both recordings appear as differences.
 """
 
 from __future__ import annotations
@@ -19,8 +20,9 @@ from pathlib import Path
 
 from pydantic import Field, field_validator
 
+from adk_ros.bags.recording import RecordingOptions
 from adk_ros.bench.mismatch.ablation import calibrate_surrogate
-from adk_ros.bench.real.checked_recording import read_checked
+from adk_ros.bench.real.checked_recording import proposed_sensors
 from adk_ros.bench.real.outcome import Outcome
 from adk_ros.bench.real.removed_terms import between, middle
 from adk_ros.errors import DataError, UsageError
@@ -31,9 +33,11 @@ from adk_ros.mismatch.inference.result import UNKNOWN, MismatchResult
 from adk_ros.mismatch.library.catalogue import EFFECTS
 from adk_ros.mismatch.library.categories import CALIBRATION, category_of
 from adk_ros.mismatch.recording.dead_channels import without_dead_channels
+from adk_ros.mismatch.recording.from_bag import read_sensor_log
 from adk_ros.mismatch.recording.nominal_vehicle import NominalVehicle
 from adk_ros.mismatch.recording.sensor_log import SensorLog
 from adk_ros.mismatch.validation import open_loop_error
+from adk_ros.signals.decode import SensorConfig
 
 CONDITIONS_FILE = "conditions.yaml"
 """Pairs of a vehicle's recordings, in their folder."""
@@ -118,8 +122,10 @@ def condition_outcomes(
     """
     for pair in load_pairs(folder):
         try:
+            sensors = proposed_sensors(folder / pair.reference, nominal)
             before, after = (
-                _prepared(folder / name, nominal) for name in (pair.reference, pair.recording)
+                _prepared(folder / name, nominal, sensors)
+                for name in (pair.reference, pair.recording)
             )
             found = compare(before, after, nominal)
         except (DataError, UsageError) as error:
@@ -143,9 +149,9 @@ def compare(before: SensorLog, after: SensorLog, nominal: NominalVehicle) -> Mis
     return identify_mismatch(car, after, nominal)
 
 
-def _prepared(path: Path, nominal: NominalVehicle) -> SensorLog:
-    """Return the middle of a recording, as checked."""
-    log = read_checked(path, nominal)
+def _prepared(path: Path, nominal: NominalVehicle, sensors: SensorConfig) -> SensorLog:
+    """Return the middle of a recording."""
+    log = read_sensor_log(path, RecordingOptions(sensors=sensors), needs_imu=False)
     log, _ = without_dead_channels(replace(log, length_scale=nominal.length_scale))
     return between(*middle(log))
 

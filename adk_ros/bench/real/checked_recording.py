@@ -12,6 +12,7 @@ from adk_ros.calibration.from_bag import read_streams
 from adk_ros.mismatch.recording.from_bag import read_sensor_log
 from adk_ros.mismatch.recording.nominal_vehicle import NominalVehicle
 from adk_ros.mismatch.recording.sensor_log import SensorLog
+from adk_ros.signals.decode import SensorConfig
 
 
 def read_checked(path: Path, nominal: NominalVehicle) -> SensorLog:
@@ -21,6 +22,16 @@ def read_checked(path: Path, nominal: NominalVehicle) -> SensorLog:
     :raises DataError: the recording is not usable.
     :raises UsageError: the proposed parameters contradict each other.
     """
-    content = read_streams(path, RecordingOptions())
-    sensors = check(content, nominal, assumed=nominal.assumed).corrected(content.sensors)
+    sensors = proposed_sensors(path, nominal)
     return read_sensor_log(path, RecordingOptions(sensors=sensors), needs_imu=False)
+
+
+def proposed_sensors(path: Path, nominal: NominalVehicle) -> SensorConfig:
+    """
+    Return the parameters with which `adk check` proposes to read a recording.
+
+    :raises DataError: the recording is not usable.
+    :raises UsageError: the proposed parameters contradict each other.
+    """
+    content = read_streams(path, RecordingOptions())
+    return check(content, nominal, assumed=nominal.assumed).corrected(content.sensors)

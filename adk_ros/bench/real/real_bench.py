@@ -19,6 +19,7 @@ from adk_ros.bench.real.changed_conditions import (
     CONDITIONS_FILE,
     ConditionOutcome,
     condition_outcomes,
+    load_pairs,
 )
 from adk_ros.bench.real.checked_recording import read_checked
 from adk_ros.bench.real.fault_cases import Pairing, pairings, recordings_by_vehicle
@@ -108,6 +109,10 @@ def bench_real(
     bags = recordings_by_vehicle(folder)
     report = progress or (lambda done, total: None)
     out = RealBench([], {}, [])
+    if CONDITIONS in selected:
+        # What is wrong with a file is said before an hour of other parts.
+        for paths in bags.values():
+            load_pairs(paths[0].parent)
     if FAULTS in selected:
         out = _with_faults(bags, sizes, report)
     if TERMS in selected:

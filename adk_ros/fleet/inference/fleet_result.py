@@ -20,6 +20,9 @@ from adk_ros.mismatch.library.effect import EffectParameter
 from adk_ros.numerics.arrays import FloatArray
 from adk_ros.numerics.constants import QUANTILE_90
 
+_NIGHT = 0.5
+"""Days without a passage that separate days, by choice: half a day."""
+
 SCHEMA = 1
 
 
@@ -58,8 +61,8 @@ class PlaceClaim:
     """
     A claimed effect at a place: cells with their centres (x, y), m, in the map frame.
 
-    `recordings`, `days`, `cars`: numbers of those that pass there. On a single day it may be the
-    weather or a load on the road, and not the place.
+    `recordings`, `days`, `cars`: numbers of those that pass there; half a day without passing
+    separates days. On a single day it may be the weather, and not the place.
     """
 
     effect: str
@@ -295,7 +298,7 @@ def _places(estimate: FleetEstimate) -> list[PlaceClaim]:
                 high,
                 place.p_value,
                 len(passing),
-                len(np.unique(np.floor(fleet.days[passing]))),
+                1 + int(np.count_nonzero(np.diff(np.sort(fleet.days[passing])) > _NIGHT)),
                 len({fleet.cars[r] for r in passing}),
                 tuple(cell.text for cell in place.cells),
                 tuple(cell.centre for cell in place.cells),

@@ -263,7 +263,7 @@ class PlaceData:
             float(np.sqrt(variance + SYSTEMATIC_ERROR_PER_MATERIALITY**2)),
             whole.freedom,
             p_value(good[seed, found]),
-            max((self.cells[cell].recordings for cell in cells), key=len),
+            tuple(sorted({r for cell in cells for r in self.cells[cell].recordings})),
             alternatives,
         )
 

@@ -35,7 +35,8 @@ def place_rows(places: Sequence[PlaceClaim]) -> list[list[str]]:
         where = f"x {x:.0f} m, y {y:.0f} m ({len(p.cells)} cell{'s' * (len(p.cells) > 1)})"
         ties = listed([title(t) for t in p.ties], "or") or "-"
         days = "on 1 day only" if p.days == 1 else f"on {p.days} days"
-        passing = f"{p.recordings} of {p.cars} car{'s' * (p.cars > 1)} {days}"
+        cars = f"{p.cars} car{'s' * (p.cars > 1)}"
+        passing = f"{p.recordings} recordings, by {cars}, {days}"
         rows.append([text.phrase, where, text.interval, passing, ties])
     return rows
 

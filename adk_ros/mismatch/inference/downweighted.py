@@ -10,7 +10,8 @@ counted there (`downweighted_episodes`).
 
 At a step of the command the surrogate is right only to within its time step: a sample of the IMU
 is the acceleration at its stamp, that of the surrogate the mean over the 10 ms around it. What a
-shift of the IMU by half a time step changes therefore raises the threshold of a residual.
+delay of the IMU by half a time step changes therefore raises the threshold of a residual, in every
+bin: also where an acceleration changes without a step, by a few standard deviations.
 """
 
 from __future__ import annotations
@@ -46,7 +47,7 @@ _JOINED_S = 1.0
 def downweighted_residuals(
     likelihood: Likelihood, hypothesis: Hypothesis, surrogate: SurrogateModel, lap: Lap | None
 ) -> Downweighted | None:
-    """Return what the robust loss downweights at a hypothesis, or None if nothing."""
+    """Return residuals beyond the threshold at a hypothesis, or None if there are none."""
     residuals = _residuals(likelihood, hypothesis)
     e = likelihood.whiten(residuals)
     beyond = np.abs(e) > HUBER_THRESHOLD + _timing_error(likelihood, hypothesis, residuals)

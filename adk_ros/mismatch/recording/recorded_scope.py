@@ -35,7 +35,8 @@ def recorded_scope(log: SensorLog) -> list[Scope]:
     streams = Streams(log.name, log.duration_s, imu, odometry, command, attitude=attitude)
     inferred = log.torque_is_inferred
     kind = next(key for key, x in COMMAND_TYPES.items() if x.inferred_torque == inferred)
-    return scope_of_streams(streams, kind, log.length_scale)
+    # Without a vehicle file every car counts as full-size.
+    return scope_of_streams(streams, kind, log.length_scale if log.length_scale < 1.0 else None)
 
 
 def _stream(

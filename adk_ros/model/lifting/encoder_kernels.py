@@ -3,8 +3,8 @@
 """
 Compiled lifting: the encoder's input row, the perceptron, and the regressor.
 
-Arrays are updated in place. The perceptron is float32, everything else float64. Its
-arithmetic is in a defined order, see `numerics.float32_sums`.
+Arrays are updated in place. The perceptron and the single-track model are float32, everything else
+float64. Their arithmetic is in a defined order, see `numerics.float32_sums`.
 
 Numba unboxes a named tuple in about 0.3 us per array and a plain array in about 0.1 us. Kernels
 that Python calls every tick therefore take the fields of a structure as `*arrays` and rebuild it.

@@ -28,7 +28,7 @@ narrower than `TrainingRange`, which the diagnostics report: it is of slip angle
 a margin.
 
 Kernels with arguments of type `Any` compute in the precision of their arguments: float32 in the
-encoder, float64 for derivatives and for the identification.
+encoder, float64 for derivatives and for the identification. Constants are float32 numbers in both.
 """
 
 from __future__ import annotations

@@ -97,8 +97,8 @@ def add_single_track_lanes(block: BlockArrays, encoder: EncoderArrays) -> None:
             for lane in range(lanes):
                 commands[0, lane] += of_torque * row[i, lane]
                 commands[1, lane] += of_delta * row[i, lane]
-    # Tuples, since a lane might write to what an array refers to: the loop would be scalar, and
-    # all candidates together take 1.5 times as long.
+    # Tuples: writing to `rest` might change an array, so that the compiler would not vectorise the
+    # loop, and all candidates together would take 1.5 times as long.
     car = to_fixed_tuple(encoder.car, CAR_SIZE)
     limits = to_fixed_tuple(encoder.limits.reshape(-1), LIMITS_SIZE)
     for lane in range(lanes):

@@ -111,7 +111,7 @@ def test_a_car_that_spins_at_any_speed_is_said(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(confirmation_drives, "drive_spins", lambda scenario: True)
-    with pytest.raises(DataError, match=r"the car spins with 0\.15 of its lateral"):
+    with pytest.raises(DataError, match=r"the car spins with 0\.19 of its lateral"):
         write_confirmation_drives(tmp_path / "a", "spin", 3)
 
 

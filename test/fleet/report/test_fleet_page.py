@@ -90,8 +90,11 @@ def test_the_page_shows_claims_vehicles_trends_places_and_links(tmp_path: Path) 
     assert "bag is truncated" in text
     place = result().places[0]
     assert (place.recordings, place.days, place.cars) == (10, 10, 4)
-    assert "10 of 4 cars on 10 days" in text
-    assert place_rows([replace(place, days=1, cars=1)])[0][3] == "10 of 1 car on 1 day only"
+    assert "10 recordings, by 4 cars, on 10 days" in text
+    assert (
+        place_rows([replace(place, days=1, cars=1)])[0][3]
+        == "10 recordings, by 1 car, on 1 day only"
+    )
     for figure in ("vehicles.png", "map.png", "trend_0.png"):
         assert (tmp_path / figure).stat().st_size > 1000
     assert (tmp_path / "fleet.json").exists()

@@ -7,8 +7,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import pytest
 import yaml
 from helpers.mismatch import case
@@ -76,7 +78,7 @@ def test_a_step_of_the_torque_is_known_to_half_a_time_step() -> None:
     after = np.searchsorted(log.imu_s, largest_s, side="right")
     change = 0.5 * (log.imu[after, 0] - log.imu[after - 1, 0])
 
-    def changed(at: Sequence[int]) -> Downweighted | None:
+    def changed(at: npt.NDArray[np.integer[Any]]) -> Downweighted | None:
         imu = log.imu.copy()
         imu[at, 0] -= change
         problem = prepare_residual_problem(replace(log, imu=imu))
