@@ -50,7 +50,9 @@ def downweighted_residuals(
     """Return residuals beyond the threshold at a hypothesis, or None if there are none."""
     residuals = _residuals(likelihood, hypothesis)
     e = likelihood.whiten(residuals)
-    beyond = np.abs(e) > HUBER_THRESHOLD + _timing_error(likelihood, hypothesis, residuals)
+    beyond = np.abs(e) > HUBER_THRESHOLD
+    if beyond.any():
+        beyond = np.abs(e) > HUBER_THRESHOLD + _timing_error(likelihood, hypothesis, residuals)
     if not beyond.any():
         return None
     cut = np.where(beyond, e**2 - huber_values(e), 0.0).sum(axis=1)
