@@ -14,29 +14,30 @@ contains no errors of sensors, so that those of both recordings appear as differ
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
 from pydantic import Field, field_validator
 
 from adk_ros.bags.recording import RecordingOptions
-from adk_ros.bench.mismatch.ablation import calibrate_surrogate
+from adk_ros.bench.real.calibrated_model import (
+    ModelOutcome,
+    Sentence,
+    calibrated_model,
+    claims,
+    middle_of_driving,
+)
 from adk_ros.bench.real.checked_recording import proposed_sensors
-from adk_ros.bench.real.outcome import Outcome
-from adk_ros.bench.real.removed_terms import between, middle
 from adk_ros.errors import DataError, UsageError
 from adk_ros.files.yaml_file import FileModel, load
 from adk_ros.mismatch.analysis import identify_mismatch
-from adk_ros.mismatch.inference.observability import observable_effects
-from adk_ros.mismatch.inference.result import UNKNOWN, MismatchResult
+from adk_ros.mismatch.inference.result import MismatchResult
 from adk_ros.mismatch.library.catalogue import EFFECTS
 from adk_ros.mismatch.library.categories import CALIBRATION, category_of
-from adk_ros.mismatch.recording.dead_channels import without_dead_channels
 from adk_ros.mismatch.recording.from_bag import read_sensor_log
 from adk_ros.mismatch.recording.nominal_vehicle import NominalVehicle
 from adk_ros.mismatch.recording.sensor_log import SensorLog
-from adk_ros.mismatch.validation import open_loop_error
 from adk_ros.signals.decode import SensorConfig
 
 CONDITIONS_FILE = "conditions.yaml"
@@ -72,26 +73,15 @@ class ConditionPairs(FileModel):
 
 
 @dataclass(frozen=True, kw_only=True)
-class ConditionOutcome(Outcome):
+class ConditionOutcome(ModelOutcome):
     """
     What was said of a pair; `recording`: "after, against before".
 
-    `change` and `effects`: of the pair. `false_claims`: other physics, and "formula". `sentence`:
-    the result in words.
+    `change` and `effects`: of the pair. `false_claims` are of physics only.
     """
 
     change: str
     effects: tuple[str, ...]
-    verdict: str
-    sentence: str
-
-    @property
-    def is_left_open(self) -> bool:
-        """Whether the result says that something unknown is missing."""
-        return self.verdict == UNKNOWN
-
-
-Sentence = Callable[[MismatchResult], str]
 
 
 def load_pairs(folder: Path) -> list[ConditionPair]:
@@ -140,32 +130,22 @@ def compare(before: SensorLog, after: SensorLog, nominal: NominalVehicle) -> Mis
 
     :raises DataError: a recording is not usable.
     """
-    calibrated = calibrate_surrogate(before, nominal, infer_torque=True)
-    car = calibrated.stand_in
-    has_imu = after.imu_s.size > 0
-    scope = observable_effects(after, nominal.mass, nominal.wheel_radius, has_imu)
-    given = "v_x" in scope.not_predicted()
-    car = replace(car, open_loop_error=open_loop_error(car, calibrated.drive, given))
+    car, _ = calibrated_model(before, after, nominal)
     return identify_mismatch(car, after, nominal)
 
 
 def _prepared(path: Path, nominal: NominalVehicle, sensors: SensorConfig) -> SensorLog:
     """Return the middle of a recording."""
     log = read_sensor_log(path, RecordingOptions(sensors=sensors), needs_imu=False)
-    log, _ = without_dead_channels(replace(log, length_scale=nominal.length_scale))
-    return between(*middle(log))
+    return middle_of_driving(log, nominal)
 
 
 def outcome_of(
     vehicle: str, pair: ConditionPair, found: MismatchResult, sentence: Sentence
 ) -> ConditionOutcome:
     """Return the outcome of a pair, given the result."""
-    right = set(pair.effects)
-    of_it = [x for x in found.effects if right & {x.effect.name, *x.alternatives}]
-    others = [x.effect.name for x in found.effects if x not in of_it]
-    false_claims = [name for name in others if category_of(name) != CALIBRATION]
-    if found.unexplained is not None and found.unexplained.expression:
-        false_claims.append("formula")
+    of_it, others = claims(found, pair.effects)
+    false_claims = [x for x in others if x not in EFFECTS or category_of(x) != CALIBRATION]
     return ConditionOutcome(
         vehicle=vehicle,
         recording=f"{pair.recording}, against {pair.reference}",

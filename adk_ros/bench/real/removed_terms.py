@@ -10,33 +10,26 @@ must be named with its size. With nothing removed, nothing may be named.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
-import numpy as np
-
-from adk_ros.bench.mismatch.ablation import calibrate_surrogate
-from adk_ros.bench.real.outcome import Outcome
-from adk_ros.errors import DataError
-from adk_ros.mismatch.analysis import identify_mismatch
-from adk_ros.mismatch.inference.observability import longest_moving_segment, observable_effects
-from adk_ros.mismatch.inference.result import (
-    UNKNOWN,
-    IdentifiedEffect,
-    Interval,
-    MismatchResult,
+from adk_ros.bench.real.calibrated_model import (
+    ModelOutcome,
+    Sentence,
+    between,
+    calibrated_model,
+    claims,
+    middle_of_driving,
 )
+from adk_ros.mismatch.analysis import identify_mismatch
+from adk_ros.mismatch.inference.result import IdentifiedEffect, Interval, MismatchResult
 from adk_ros.mismatch.library.surrogate_parameters import INDEX
-from adk_ros.mismatch.recording.dead_channels import without_dead_channels
 from adk_ros.mismatch.recording.nominal_vehicle import NominalVehicle
 from adk_ros.mismatch.recording.sensor_log import SensorLog
 from adk_ros.mismatch.surrogate.identification import SurrogateModel
-from adk_ros.mismatch.validation import open_loop_error
 
 CALIBRATION_SHARE = 0.6
 """Share of a recording on which the surrogate model is calibrated, as in `adk bench paper`."""
-MAX_SECONDS = 240.0
-"""s of a recording that are used, in the middle of the driving: longer ones cost time only."""
 
 
 @dataclass(frozen=True)
@@ -82,26 +75,11 @@ have 0.8 of the simulation's stiffness), and the whole drag."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class TermOutcome(Outcome):
-    """
-    What was said after the removal of a term, `term` "" for none.
-
-    `expected`: size of the effect. `false_claims`: other effects, and "formula". `sentence`: the
-    result in words.
-    """
+class TermOutcome(ModelOutcome):
+    """What was said after the removal of a term, `term` "" for none; `expected`: its size."""
 
     term: str
     expected: float
-    verdict: str
-    sentence: str
-
-    @property
-    def is_left_open(self) -> bool:
-        """Whether the result says that something unknown is missing."""
-        return self.verdict == UNKNOWN
-
-
-Sentence = Callable[[MismatchResult], str]
 
 
 def removed_term_outcomes(
@@ -118,14 +96,9 @@ def removed_term_outcomes(
     :param left_out: receives the terms that the channels cannot show.
     :raises DataError: the recording is not usable.
     """
-    log, _ = without_dead_channels(replace(recording, length_scale=nominal.length_scale))
+    log = middle_of_driving(recording, nominal)
     first, rest = parts(log)
-    calibrated = calibrate_surrogate(first, nominal, infer_torque=True)
-    car = calibrated.stand_in
-    has_imu = log.imu_s.size > 0
-    scope = observable_effects(rest, nominal.mass, nominal.wheel_radius, has_imu)
-    given = "v_x" in scope.not_predicted()
-    car = replace(car, open_loop_error=open_loop_error(car, calibrated.drive, given))
+    car, scope = calibrated_model(first, rest, nominal)
     hidden = scope.unobservable
     left_out += [term.effect for term in TERMS if term.effect in hidden]
     yield _outcome(vehicle, log.name, None, car, identify_mismatch(car, rest, nominal), sentence)
@@ -136,41 +109,10 @@ def removed_term_outcomes(
 
 
 def parts(log: SensorLog) -> tuple[SensorLog, SensorLog]:
-    """
-    Return the part of a recording to calibrate on, and the rest, at most `MAX_SECONDS` in all.
-
-    :raises DataError: the car hardly moves.
-    """
-    moving, begin, end = middle(log)
+    """Return the part of a recording to calibrate on, and the rest."""
+    begin, end = float(log.odometry_s[0]), float(log.odometry_s[-1])
     at = begin + CALIBRATION_SHARE * (end - begin)
-    return between(moving, begin, at), between(moving, at, end)
-
-
-def middle(log: SensorLog) -> tuple[SensorLog, float, float]:
-    """
-    Return the driving of a recording, and begin and end of its middle `MAX_SECONDS`, s.
-
-    :raises DataError: the car stands still.
-    """
-    moving = longest_moving_segment(log) if not log.imu_s.size else log
-    if not np.any(np.abs(moving.odometry[:, 0]) > 0.0):
-        raise DataError(f"{log.name}: the car stands still")
-    begin, end = float(moving.odometry_s[0]), float(moving.odometry_s[-1])
-    spare = max(0.5 * (end - begin - MAX_SECONDS), 0.0)
-    return moving, begin + spare, end - spare
-
-
-def between(log: SensorLog, begin_s: float, end_s: float) -> SensorLog:
-    """Return an interval of a recording, whose time begins with it: a share of it is held out."""
-    part = log.between(begin_s, end_s)
-    return replace(
-        part,
-        duration_s=end_s - begin_s,
-        imu_s=part.imu_s - begin_s,
-        odometry_s=part.odometry_s - begin_s,
-        command_s=part.command_s - begin_s,
-        start_ns=part.start_ns + round(1e9 * begin_s),
-    )
+    return between(log, begin, at), between(log, at, end)
 
 
 def _outcome(
@@ -183,10 +125,7 @@ def _outcome(
 ) -> TermOutcome:
     effect = "" if term is None else term.effect
     expected = 0.0 if term is None else term.expected(car)
-    of_it = [x for x in found.effects if effect in {x.effect.name, *x.alternatives}]
-    false_claims = [x.effect.name for x in found.effects if x not in of_it]
-    if found.unexplained is not None and found.unexplained.expression:
-        false_claims.append("formula")
+    of_it, false_claims = claims(found, {effect})
     outcome = TermOutcome(
         vehicle=vehicle,
         recording=recording,

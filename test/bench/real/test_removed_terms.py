@@ -14,7 +14,7 @@ from helpers.calibration import driven, write_streams
 from helpers.mismatch import CAR, car, case
 from helpers.mismatch_report import identified, result_of
 
-import adk_ros.bench.real.removed_terms as removed_terms
+from adk_ros.bench.real import calibrated_model, removed_terms
 from adk_ros.bench.real.outcome import score
 from adk_ros.bench.real.real_bench import TERMS as TERMS_PART
 from adk_ros.bench.real.real_bench import RealBench, bench_real
@@ -86,8 +86,8 @@ def test_the_rest_begins_at_zero() -> None:
 def outcomes_of(result: MismatchResult, monkeypatch: pytest.MonkeyPatch) -> list[TermOutcome]:
     """Return the outcomes on a short drive, where every analysis has the same result."""
     monkeypatch.setattr(removed_terms, "identify_mismatch", lambda *arguments: result)
-    monkeypatch.setattr(removed_terms, "open_loop_error", lambda *arguments: np.zeros((3, 3)))
-    monkeypatch.setattr(removed_terms, "calibrate_surrogate", _Calibrated)
+    monkeypatch.setattr(calibrated_model, "open_loop_error", lambda *arguments: np.zeros((3, 3)))
+    monkeypatch.setattr(calibrated_model, "calibrate_surrogate", _Calibrated)
     found: Iterator[TermOutcome] = removed_terms.removed_term_outcomes(
         "car", case().recording, CAR, sentence, []
     )
