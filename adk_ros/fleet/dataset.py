@@ -14,7 +14,7 @@ from __future__ import annotations
 import json
 import os
 import uuid
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -60,6 +60,9 @@ Columns of the results. `status`: ok or failed, with `failure` (engine.Failure) 
 `seconds` and `memory_mib`: duration and peak memory of the work; `bytes`: size of the recording;
 `written_s`: when, s since 1970.
 """
+
+PRUNED_BY = ("recording", "key", "code_version", "inputs_hash")
+"""Columns by which rows are removed."""
 
 CONTENT = {"uri": "string", "version": "string", "content_hash": "string", "bytes": "int64"}
 """Columns of the content hashes."""
@@ -169,6 +172,21 @@ class FleetDataset:
                 path.unlink()
             elif len(kept) < len(rows):
                 self._write(path.parent, RESULT, kept, path.name)
+
+    def prune(self, stage: str, is_kept: Callable[[Mapping[str, str]], bool]) -> None:
+        """
+        Remove the rows that are not kept, by their texts of `PRUNED_BY`; raises as `append`.
+
+        The rows are read one file at a time, and in full only where some of a file are kept.
+        """
+        for path in _parts(self.folder(stage)):
+            kept = [is_kept(row) for row in self._read(path, list(PRUNED_BY))]
+            if not any(kept):
+                path.unlink()
+            elif not all(kept):
+                rows = self._read(path, list(RESULT))
+                chosen = [row for row, is_one in zip(rows, kept, strict=True) if is_one]
+                self._write(path.parent, RESULT, chosen, path.name)
 
     def _write(
         self,

@@ -95,7 +95,7 @@ def current_keys(
 ) -> dict[str, str]:
     """Return name of recording -> key of its result, of those whose content hash is known."""
     return {
-        each.name: version.key(hashes[each.uri, each.version])
+        each.name: version.key(hashes[each.uri, each.version], each.name)
         for each in recordings
         if (each.uri, each.version) in hashes
     }

@@ -5,8 +5,8 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
@@ -44,17 +44,35 @@ class Stage(Protocol):
         """
 
 
+@runtime_checkable
+class StagePerRecording(Protocol):
+    """A stage with inputs that differ between recordings, such as where each is linearised."""
+
+    def recording_inputs(self) -> Callable[[str], str]:
+        """Return a function: name of a recording -> hash of its inputs, "" for none."""
+
+
+def _no_inputs(recording: str) -> str:
+    return ""
+
+
 @dataclass(frozen=True)
 class StageVersion:
-    """Stage, code and inputs: all that the results of a run depend on besides the recordings."""
+    """
+    Stage, code and inputs: all that the results of a run depend on besides the recordings.
+
+    `recording_inputs`: name of a recording -> hash of the inputs of this one, "" for none.
+    """
 
     name: str
     code_version: str
     inputs_hash: str
+    recording_inputs: Callable[[str], str] = _no_inputs
 
-    def key(self, content_hash: str) -> str:
+    def key(self, content_hash: str, recording: str) -> str:
         """Return the key of a result: equal exactly if all that it depends on is equal."""
-        parts = (content_hash, self.code_version, self.name, self.inputs_hash)
+        inputs = (self.inputs_hash, self.recording_inputs(recording))
+        parts = (content_hash, self.code_version, self.name, *inputs)
         return hashlib.sha256("\n".join(parts).encode()).hexdigest()
 
 
@@ -64,7 +82,10 @@ def version_of(stage: Stage) -> StageVersion:
 
     :raises UsageError: an input cannot be read.
     """
-    return StageVersion(stage.name, code_digest(), stage.inputs_hash)
+    version = StageVersion(stage.name, code_digest(), stage.inputs_hash)
+    if isinstance(stage, StagePerRecording):
+        return replace(version, recording_inputs=stage.recording_inputs())
+    return version
 
 
 def hash_of(values: Iterable[object]) -> str:

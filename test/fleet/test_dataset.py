@@ -86,13 +86,15 @@ def test_plan(tmp_path) -> None:
 def test_the_key_depends_on_all_that_the_result_depends_on(tmp_path) -> None:
     version = version_of(text_stage(tmp_path / "log"))
     keys = {
-        version.key("content"),
-        version.key("other"),
-        replace(version, code_version="other").key("content"),
-        version_of(text_stage(tmp_path / "log", inputs_hash="x")).key("content"),
-        version_of(text_stage(tmp_path / "log", name="x")).key("content"),
+        version.key("content", "a"),
+        version.key("other", "a"),
+        replace(version, code_version="other").key("content", "a"),
+        version_of(text_stage(tmp_path / "log", inputs_hash="x")).key("content", "a"),
+        version_of(text_stage(tmp_path / "log", name="x")).key("content", "a"),
+        replace(version, recording_inputs=str.upper).key("content", "a"),
     }
-    assert len(keys) == 5
+    assert len(keys) == 6
+    assert version.key("content", "a") == version.key("content", "b")
 
 
 def test_rates_and_dropped_rows(tmp_path) -> None:

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import base64
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field
 from functools import lru_cache
@@ -49,9 +49,18 @@ class EvidenceStage:
 
     @property
     def inputs_hash(self) -> str:
-        """Hash of the simulation and of the estimate, of topics and sensor configuration."""
-        files = [file_hash(self.simulation), file_hash(self.point)]
-        return hash_of([*files, self.without_imu, asdict(self.options)])
+        """Hash of the simulation, of topics and sensor configuration."""
+        return hash_of([file_hash(self.simulation), self.without_imu, asdict(self.options)])
+
+    def recording_inputs(self) -> Callable[[str], str]:
+        """Return name of a recording -> hash of the estimate at which it is linearised."""
+        values, places = _point_content(self.point)
+
+        def inputs_of(recording: str) -> str:
+            own = sorted(values.get(recording, {}).items())
+            return hash_of([own, places]) if own or places else ""
+
+        return inputs_of
 
     @property
     def shared_paths(self) -> tuple[str, ...]:
@@ -135,11 +144,16 @@ def read_point(path: str, recording: str) -> tuple[dict[str, float], list[Any]]:
     from adk_ros.fleet.inference.place_evidence import Cell
     from adk_ros.fleet.inference.recording_evidence import PlacedValue
 
+    values, places = _point_content(path)
+    local = [
+        PlacedValue(key, tuple(Cell.of_text(text) for text in cells), value)
+        for key, cells, value in places
+    ]
+    return values.get(recording, {}), local
+
+
+def _point_content(path: str) -> tuple[dict[str, dict[str, float]], list[Any]]:
     if not path:
         return {}, []
     content = json.loads(Path(path).read_text(encoding="utf-8"))
-    local = [
-        PlacedValue(key, tuple(Cell.of_text(text) for text in cells), value)
-        for key, cells, value in content["places"]
-    ]
-    return content["values"].get(recording, {}), local
+    return content["values"], content["places"]

@@ -20,7 +20,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 from urllib.parse import quote
 
-from adk_ros.api.fleet.evidence_stage import EvidenceStage, evidence_row, write_point
+from adk_ros.api.fleet.evidence_stage import EvidenceStage
+from adk_ros.api.fleet.fleet_evidence import (
+    CurrentEvidence,
+    evidence_of,
+    point_file,
+    remove_points,
+)
 from adk_ros.api.fleet.fleet_run import (
     FleetOptions,
     check_options,
@@ -30,14 +36,13 @@ from adk_ros.api.fleet.fleet_run import (
     tags_file,
 )
 from adk_ros.api.fleet.identified_simulation import identified_simulation
-from adk_ros.api.fleet.index_stage import file_hash
 from adk_ros.api.fleet.lost_files import forget_lost_files
 from adk_ros.api.fleet.report_stage import ReportStage
 from adk_ros.bags.recording import RecordingOptions
 from adk_ros.errors import UsageError
 from adk_ros.fleet.cluster import Cluster, open_cluster
 from adk_ros.fleet.dataset import FleetDataset
-from adk_ros.fleet.plan import content_of, current_rows, distinct_rows
+from adk_ros.fleet.plan import current_rows
 from adk_ros.fleet.recordings import FleetRecording
 from adk_ros.fleet.run import Progress, run_stage
 from adk_ros.fleet.run_lock import run_lock
@@ -142,6 +147,7 @@ def fleet_mismatch(
                 progress(done, 1.0, text)
 
         unplaced: set[str] = set()
+        current = CurrentEvidence()
         logs = shared / LOGS
         logs.mkdir(exist_ok=True)
         with ExitStack() as stack:
@@ -153,13 +159,14 @@ def fleet_mismatch(
             def evidence_at(
                 estimate: FleetEstimate | None, moved: Collection[str] | None
             ) -> tuple[list[Row], dict[str, str]]:
-                point = _point(shared, estimate)
+                point = point_file(shared, estimate)
                 stage = EvidenceStage(str(path), point, without_imu, reading, str(logs))
                 # What has no evidence without effects has none at an estimate either.
                 names = {x.name for x in found} if estimate is None else set(estimate.fleet.names)
                 names &= names if moved is None else set(moved)
                 usable = [recording for recording in found if recording.name in names]
                 run_stage(stage, usable, out, lambda: nullcontext(cluster()), limits, progress)
+                current.add(out, stage, usable)
                 rows, failed = evidence_of(out, stage, usable)
                 unplaced.update(row["recording"] for row in rows if row.get(UNPLACED))
                 return rows, failed
@@ -177,6 +184,8 @@ def fleet_mismatch(
             run_stage(stage, shown, out, lambda: nullcontext(cluster()), limits, progress)
         # An interrupted run needs them when it continues.
         shutil.rmtree(logs, ignore_errors=True)
+        remove_points(shared)
+        current.prune(out)
         failed = tuple(sorted(analysis.failed.items()))
         models = corrected_models(analysis.result, known.surrogate)
         links = _links(out, stage, shown)
@@ -208,15 +217,6 @@ def _links(out: Path, stage: ReportStage, recordings: Sequence[FleetRecording]) 
     return links
 
 
-def evidence_of(
-    out: Path, stage: EvidenceStage, recordings: Sequence[FleetRecording]
-) -> tuple[list[Row], dict[str, str]]:
-    """Return the evidence of these recordings in a dataset, and name -> reason of the others."""
-    found = current_rows(version_of(stage), recordings, FleetDataset(out))
-    rows, left_out = distinct_rows(found, content_of)
-    return [evidence_row(row["details"], str(row["recording"])) for row in rows], left_out
-
-
 def recording_tags(rows: Sequence[Row], tags: Mapping[str, Tags]) -> dict[str, RecordingTags]:
     """
     Return name of recording -> car, day and tags.
@@ -239,22 +239,3 @@ def recording_tags(rows: Sequence[Row], tags: Mapping[str, Tags]) -> dict[str, R
         )
         for name, each in every.items()
     }
-
-
-def _point(out: Path, estimate: FleetEstimate | None) -> str:
-    """
-    Write the estimate to linearise at and return its file, named by its content.
-
-    Returns "" for an estimate without effects, at which the recordings are linearised already.
-    """
-    if estimate is None:
-        return ""
-    values = {name: estimate.values_of(name) for name in estimate.fleet.names}
-    local = list(estimate.local_values())
-    if not local and not any(values.values()):
-        return ""
-    scratch = out / ".point.json"
-    write_point(scratch, values, local)
-    path = out / f"point-{file_hash(str(scratch))[:16]}.json"
-    scratch.replace(path)
-    return str(path)

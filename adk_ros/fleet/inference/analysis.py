@@ -30,6 +30,7 @@ from adk_ros.fleet.inference.fleet_estimate import (
 from adk_ros.fleet.inference.fleet_evidence import RecordingTags
 from adk_ros.fleet.inference.fleet_result import FleetResult, fleet_result
 from adk_ros.fleet.inference.fleet_simulation import FleetSimulation
+from adk_ros.fleet.inference.linearisation_point import Point, has_moved
 from adk_ros.fleet.inference.place_evidence import Cell
 from adk_ros.fleet.inference.places import Place
 
@@ -46,12 +47,6 @@ _EARLY_ROUNDS = 2
 """Rounds of effects and places where a further pass follows."""
 _MOST_DROPS = 2
 """Times that one linearisation claims what the next does not, until it is not claimed any more."""
-_MOVED, _MOVED_SHARE = 0.3, 0.05
-"""
-A recording is linearised again where an effect has moved by so many materiality thresholds, and by
-this share of its size: less changes the estimate by a fraction of its interval. By choice.
-"""
-
 TagsOf = Callable[[Sequence[Row]], Mapping[str, RecordingTags]]
 """Rows of the recordings -> the tags of each by name."""
 Progress = Callable[[float, str], None]
@@ -162,10 +157,6 @@ def analyse_fleet(
     return FleetAnalysis(estimate, result, failed, outdated)
 
 
-Point = Mapping[str, float]
-"""Where a recording is linearised: effect -> size, thresholds."""
-
-
 def _point(estimate: FleetEstimate | None, name: str) -> Point:
     if estimate is None:
         return {}
@@ -193,12 +184,3 @@ def _passes(rows: Sequence[Row], cells: Collection[Cell]) -> bool:
     near = {(c.x + i, c.y + j) for c in cells for i in (-1, 0, 1) for j in (-1, 0, 1)}
     driven = (Cell.of_text(str(row["cell"])) for row in rows if row["kind"] == PLACE_ROW)
     return any((cell.x, cell.y) in near for cell in driven)
-
-
-def has_moved(before: Point, after: Point) -> bool:
-    """Whether any effect has moved so far that a recording is to be linearised again."""
-    for key in {*before, *after}:
-        a, b = before.get(key, 0.0), after.get(key, 0.0)
-        if abs(a - b) > max(_MOVED, _MOVED_SHARE * max(abs(a), abs(b))):
-            return True
-    return False

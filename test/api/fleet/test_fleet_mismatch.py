@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -19,7 +20,8 @@ from adk_ros.api.fleet.evidence_stage import (
     write_point,
 )
 from adk_ros.api.fleet.fleet_demo import read_truth
-from adk_ros.api.fleet.fleet_mismatch import evidence_of, fleet_mismatch, recording_tags
+from adk_ros.api.fleet.fleet_evidence import CurrentEvidence, evidence_of, point_file
+from adk_ros.api.fleet.fleet_mismatch import fleet_mismatch, recording_tags
 from adk_ros.api.fleet.fleet_run import FleetOptions, chosen_recordings
 from adk_ros.api.fleet.recording_minutes import recording_minutes
 from adk_ros.errors import DataError, UsageError
@@ -90,13 +92,74 @@ def test_a_recording_is_decoded_once(tmp_path: Path, monkeypatch: pytest.MonkeyP
 def test_another_point_is_another_result(tmp_path: Path) -> None:
     simulation, point = tmp_path / "simulation.npz", tmp_path / "point.json"
     simulation.write_bytes(b"1")
-    hashes = {EvidenceStage(str(simulation)).inputs_hash}
+
+    def keys(point: Path | None = None) -> list[str]:
+        version = version_of(EvidenceStage(str(simulation), "" if point is None else str(point)))
+        return [version.key("content", name) for name in ("a", "b")]
+
+    without = keys()
+    found = {without[0]}
     for mass in (1.0, 2.0):
-        write_point(point, {"a": {"payload.mass": mass}}, [])
-        hashes.add(EvidenceStage(str(simulation), str(point)).inputs_hash)
+        write_point(point, {"a": {"payload.mass": mass}, "b": {}}, [])
+        found.add(keys(point)[0])
+        # Nothing acts in this one: it is linearised without effects already.
+        assert keys(point)[1] == without[1]
+    write_point(point, {}, [PlacedValue("road_grade.grade", (Cell.of_text("3/-2/1"),), 0.05)])
+    found |= {*keys(point)}
     simulation.write_bytes(b"2")
-    hashes.add(EvidenceStage(str(simulation)).inputs_hash)
-    assert len(hashes) == 4
+    found.add(keys()[0])
+    assert len(found) == 5
+
+
+def test_a_further_drive_leaves_the_others_where_they_were_linearised(tmp_path: Path) -> None:
+    def estimate(drag: float, names: list[str]) -> Any:
+        return SimpleNamespace(
+            fleet=SimpleNamespace(names=names),
+            values_of=lambda name: {"aero_drag.cda": drag, "payload.mass": 0.001},
+            local_values=lambda: [PlacedValue("road_grade.grade", (Cell(1, 2, 0),), 0.05 * drag)],
+        )
+
+    def key(drag: float, names: list[str]) -> str:
+        stage = EvidenceStage("", point_file(tmp_path, estimate(drag, names)))
+        return version_of(stage).key("content", "a")
+
+    before = key(0.5003, ["a", "b"])
+    assert key(0.5009, ["a", "b", "c"]) == before
+    assert key(0.6, ["a", "b", "c"]) != before
+    assert point_file(tmp_path, None) == ""
+
+
+def test_evidence_that_no_run_uses_again_is_removed(tmp_path: Path) -> None:
+    (tmp_path / "s.npz").write_bytes(b"1")
+    stage = EvidenceStage(str(tmp_path / "s.npz"))
+    version = version_of(stage)
+    found = [FleetRecording(name, f"/{name}", (), 1, "") for name in ("a", "b")]
+    dataset = FleetDataset(tmp_path)
+    dataset.append_hashes(
+        [{"uri": x.uri, "version": x.version, "content_hash": x.name} for x in found]
+    )
+
+    def row(name: str, finding: str, at: StageVersion = version) -> dict[str, str]:
+        return {
+            "recording": name,
+            "finding": finding,
+            "key": at.key(name, name),
+            "code_version": at.code_version,
+            "inputs_hash": at.inputs_hash,
+        }
+
+    elsewhere = replace(version, recording_inputs=lambda name: "another point")
+    dataset.append(stage.name, [row(x, "current") for x in ("a", "b")])
+    dataset.append(stage.name, [row("a", "superseded", elsewhere), row("c", "kept", elsewhere)])
+    dataset.append(stage.name, [row("a", "old", replace(version, code_version="old"))])
+    dataset.append(stage.name, [row("a", "kept", replace(version, inputs_hash="simulation 2"))])
+    CurrentEvidence().prune(tmp_path)
+    assert len(dataset.rows(stage.name)) == 6
+    current = CurrentEvidence()
+    current.add(tmp_path, stage, found)
+    current.prune(tmp_path)
+    left = [(x["recording"], x["finding"]) for x in dataset.rows(stage.name)]
+    assert sorted(left) == [("a", "current"), ("a", "kept"), ("b", "current"), ("c", "kept")]
 
 
 def test_days_count_from_the_first_recording() -> None:
@@ -128,7 +191,7 @@ def test_only_results_of_the_stage_are_combined(tmp_path: Path) -> None:
 
     def row(name: str, content: str = "", at: StageVersion = version) -> dict[str, object]:
         content = content or f"that of {name}"
-        key: dict[str, object] = {"key": at.key(content), "content_hash": content}
+        key: dict[str, object] = {"key": at.key(content, name), "content_hash": content}
         return {"recording": name, "status": "ok", "details": text} | key
 
     dataset.append(
@@ -189,7 +252,7 @@ def test_workers_of_other_folders_find_the_files_of_a_run(
 ) -> None:
     estimate = SimpleNamespace(
         fleet=SimpleNamespace(names=["a.mcap"]),
-        values_of=lambda name: {"payload.mass": 1.0},
+        values_of=lambda name: {"payload.mass": 120.0},
         local_values=list,
     )
     (tmp_path / "drives").mkdir()

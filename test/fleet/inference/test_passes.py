@@ -11,11 +11,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from adk_ros.fleet.inference.analysis import MAX_PASSES, analyse_fleet, has_moved
+from adk_ros.fleet.inference.analysis import MAX_PASSES, analyse_fleet
 from adk_ros.fleet.inference.evidence import RECORDING, SCHEMA, SIMULATION, Evidence, Row, packed
 from adk_ros.fleet.inference.fleet_estimate import FleetEstimate
 from adk_ros.fleet.inference.fleet_evidence import FleetEvidence, RecordingTags
 from adk_ros.fleet.inference.levels import SHARED, Level
+from adk_ros.fleet.inference.linearisation_point import has_moved, rounded_size, rounded_value
 from adk_ros.fleet.inference.numerical_fleet import FleetPlan, Injection, draw_fleet
 from adk_ros.fleet.inference.place_evidence import Cell
 
@@ -39,6 +40,26 @@ def test_a_recording_has_moved(
     before: dict[str, float], after: dict[str, float], moved: bool
 ) -> None:
     assert has_moved(before, after) is moved
+
+
+@pytest.mark.parametrize("size", [0.0, 0.04, 0.31, -2.0, 7.3, -55.0, 1300.0])
+def test_rounding_is_much_finer_than_what_matters(size: float) -> None:
+    rounded = rounded_size(size)
+    assert abs(rounded - size) <= max(0.3, 0.05 * abs(size)) / 6.0 + 1e-12
+    assert rounded_size(rounded) == rounded
+    # A small move usually changes nothing.
+    moved = [rounded_size(size + 0.002 * i) == rounded for i in range(-5, 6)]
+    assert sum(moved) >= 6
+
+
+def test_a_rounded_value_stays_within_the_bounds_of_its_parameter() -> None:
+    from adk_ros.fleet.inference.evidence import column_of
+
+    p = column_of("steering_delay.delay").parameter
+    high = p.bounds()[1] - p.theta_neutral
+    assert rounded_value("steering_delay.delay", high) == high
+    unit = column_of("aero_drag.cda").materiality
+    assert rounded_value("aero_drag.cda", 3.04 * unit) == pytest.approx(3.0 * unit)
 
 
 def test_the_first_step_is_limited() -> None:

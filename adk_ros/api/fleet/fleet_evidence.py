@@ -1,0 +1,107 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The evidence of a fleet in its dataset: where it is linearised, and what of it is kept."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from adk_ros.api.fleet.evidence_stage import EvidenceStage, evidence_row, write_point
+from adk_ros.api.fleet.index_stage import file_hash
+from adk_ros.fleet.dataset import FleetDataset
+from adk_ros.fleet.plan import content_of, current_keys, current_rows, distinct_rows
+from adk_ros.fleet.recordings import FleetRecording
+from adk_ros.fleet.stage import StageVersion, version_of
+
+if TYPE_CHECKING:
+    from adk_ros.fleet.inference.evidence import Row
+    from adk_ros.fleet.inference.fleet_estimate import FleetEstimate
+
+_POINT = "point"
+
+
+class CurrentEvidence:
+    """The evidence that a run has used, in all its passes."""
+
+    def __init__(self) -> None:
+        self._version: StageVersion | None = None
+        self._keys: set[str] = set()
+        self._names: set[str] = set()
+
+    def add(self, out: Path, stage: EvidenceStage, recordings: Sequence[FleetRecording]) -> None:
+        """Add the evidence of recordings that a stage has used."""
+        self._version = version_of(stage)
+        keys = current_keys(self._version, recordings, FleetDataset(out).content_hashes())
+        self._keys |= set(keys.values())
+        self._names |= keys.keys()
+
+    def prune(self, out: Path) -> None:
+        """
+        Remove the evidence of these recordings that no further run would use.
+
+        That is what other code found, and what was linearised elsewhere than in this run, whose
+        points a further run, with a drive more, meets again. That of other simulations stays.
+        """
+        version = self._version
+        if version is None:
+            return
+
+        def is_kept(row: Mapping[str, str]) -> bool:
+            superseded = (
+                row["code_version"] != version.code_version
+                or row["inputs_hash"] == version.inputs_hash
+            )
+            return (
+                row["recording"] not in self._names or row["key"] in self._keys or not superseded
+            )
+
+        FleetDataset(out).prune(version.name, is_kept)
+
+
+def evidence_of(
+    out: Path, stage: EvidenceStage, recordings: Sequence[FleetRecording]
+) -> tuple[list[Row], dict[str, str]]:
+    """Return the evidence of these recordings in a dataset, and name -> reason of the others."""
+    found = current_rows(version_of(stage), recordings, FleetDataset(out))
+    rows, left_out = distinct_rows(found, content_of)
+    return [evidence_row(row["details"], str(row["recording"])) for row in rows], left_out
+
+
+def point_file(out: Path, estimate: FleetEstimate | None) -> str:
+    """
+    Write the estimate to linearise at, rounded, and return its file, named by its content.
+
+    Returns "" for an estimate without effects, at which the recordings are linearised already.
+    """
+    from adk_ros.fleet.inference.linearisation_point import rounded_value
+
+    if estimate is None:
+        return ""
+    values = {name: _rounded(estimate.values_of(name)) for name in estimate.fleet.names}
+    local = [
+        replace(one, value=rounded_value(one.key, one.value)) for one in estimate.local_values()
+    ]
+    if not local and not any(values.values()):
+        return ""
+    scratch = out / ".point.json"
+    write_point(scratch, values, local)
+    path = out / f"{_POINT}-{file_hash(str(scratch))[:16]}.json"
+    scratch.replace(path)
+    return str(path)
+
+
+def _rounded(values: Mapping[str, float]) -> dict[str, float]:
+    """Return values, key -> difference from neutral, rounded; without those that become zero."""
+    from adk_ros.fleet.inference.linearisation_point import rounded_value
+
+    rounded = {key: rounded_value(key, value) for key, value in values.items()}
+    return {key: value for key, value in rounded.items() if value != 0.0}
+
+
+def remove_points(out: Path) -> None:
+    """Remove the files of `point_file`; a run that goes on writes them again."""
+    for path in out.glob(f"{_POINT}-*.json"):
+        path.unlink(missing_ok=True)

@@ -1,0 +1,59 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Where recordings of a fleet are linearised: effect -> size, in materiality thresholds.
+
+A recording is linearised again where the estimate has moved far enough to matter. Sizes are
+rounded, much more finely than that: a further drive in a fleet moves every estimate a little, and
+the evidence of the others is then the same as before.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+from adk_ros.fleet.inference.evidence import column_of
+
+Point = Mapping[str, float]
+"""Where a recording is linearised: effect -> size, thresholds."""
+
+_MOVED, _MOVED_SHARE = 0.3, 0.05
+"""
+A recording is linearised again where an effect has moved by so many materiality thresholds, and by
+this share of its size: less changes the estimate by a fraction of its interval. By choice.
+"""
+_STEP, _STEP_SHARE = _MOVED / 3.0, _MOVED_SHARE / 3.0
+"""
+Steps to which sizes are rounded: a third of what matters, so that rounding, by half a step at
+most, is a sixth of it.
+"""
+
+
+def has_moved(before: Point, after: Point) -> bool:
+    """Whether any effect has moved so far that a recording is to be linearised again."""
+    for key in {*before, *after}:
+        a, b = before.get(key, 0.0), after.get(key, 0.0)
+        if abs(a - b) > max(_MOVED, _MOVED_SHARE * max(abs(a), abs(b))):
+            return True
+    return False
+
+
+def rounded_size(size: float) -> float:
+    """
+    Return a size, in materiality thresholds, rounded to a step that grows with it.
+
+    Steps are powers of two times the smallest one, at most `_STEP_SHARE` of the size.
+    """
+    finer = max(_STEP, _STEP_SHARE * abs(size))
+    step = _STEP * 2.0 ** math.floor(math.log2(finer / _STEP) + 1e-9)
+    return step * round(size / step)
+
+
+def rounded_value(key: str, value: float) -> float:
+    """Return a difference from neutral of the effect parameter `key`, rounded within bounds."""
+    column = column_of(key)
+    p = column.parameter
+    low, high = (b - p.theta_neutral for b in p.bounds())
+    rounded = rounded_size(value / column.materiality) * column.materiality
+    return min(max(rounded, low), high)
