@@ -8,10 +8,7 @@ recording of any length none is expected. What exceeds them is a disturbance tha
 fault of a sensor, or what the surrogate already gets wrong about the simulation. The last is
 counted there (`downweighted_episodes`).
 
-At a step of the command the surrogate is right only to within its time step: a sample of the IMU
-is the acceleration at its stamp, that of the surrogate the mean over the 10 ms around it. What a
-delay of the IMU by half a time step changes therefore raises the threshold of a residual, in every
-bin: also where an acceleration changes without a step, by a few standard deviations.
+The error of the surrogate's time step raises the threshold on both (`surrogate.timing_error`).
 """
 
 from __future__ import annotations
@@ -28,12 +25,13 @@ from adk_ros.mismatch.inference.likelihood import Likelihood
 from adk_ros.mismatch.inference.result import NONE, UNKNOWN, UnexplainedResidual
 from adk_ros.mismatch.library.criteria import EQUATION_GAIN_SHARE
 from adk_ros.mismatch.library.parametric_features import is_transferable
-from adk_ros.mismatch.library.surrogate_parameters import INDEX
 from adk_ros.mismatch.recording.sensor_log import CHANNELS
 from adk_ros.mismatch.surrogate.identification import SurrogateModel
 from adk_ros.mismatch.surrogate.joined_problem import JoinedProblem
 from adk_ros.mismatch.surrogate.lap import Lap
-from adk_ros.mismatch.surrogate.residuals import BIN_S, STEP_S
+from adk_ros.mismatch.surrogate.residuals import BIN_S
+from adk_ros.mismatch.surrogate.state_index import IMU_A_X
+from adk_ros.mismatch.surrogate.timing_error import timing_error
 from adk_ros.numerics.arrays import BoolArray, FloatArray
 from adk_ros.numerics.filters import causal_filter
 from adk_ros.numerics.levenberg_marquardt import HUBER_THRESHOLD, huber_values
@@ -50,9 +48,7 @@ def downweighted_residuals(
     """Return residuals beyond the threshold at a hypothesis, or None if there are none."""
     residuals = _residuals(likelihood, hypothesis)
     e = likelihood.whiten(residuals)
-    beyond = np.abs(e) > HUBER_THRESHOLD
-    if beyond.any():
-        beyond = np.abs(e) > HUBER_THRESHOLD + _timing_error(likelihood, hypothesis, residuals)
+    beyond = _beyond(likelihood, hypothesis, e)
     if not beyond.any():
         return None
     cut = np.where(beyond, e**2 - huber_values(e), 0.0).sum(axis=1)
@@ -99,8 +95,9 @@ def episodes_describe_more(
     hidden = downweighted_residuals(likelihood, h, surrogate, lap)
     if hidden is None or hidden.is_rule or not hidden.is_material:
         return False
-    before, after = (likelihood.whiten(_residuals(likelihood, x)) ** 2 for x in (null, h))
-    episodes = _groups(np.sqrt(after) > HUBER_THRESHOLD)
+    before, left_over = (likelihood.whiten(_residuals(likelihood, x)) for x in (null, h))
+    episodes = _groups(_beyond(likelihood, h, left_over))
+    before, after = before**2, left_over**2
     left = sum(float(after[:, x].sum()) - np.count_nonzero(after[:, x]) for x in episodes)
     return bool(before.sum() - after.sum() < left)
 
@@ -111,13 +108,16 @@ def _residuals(likelihood: Likelihood, h: Hypothesis) -> FloatArray:
     return likelihood.channel_residuals(p, terms)
 
 
-def _timing_error(likelihood: Likelihood, h: Hypothesis, residuals: FloatArray) -> FloatArray:
-    """Return what half a time step of the surrogate changes in `residuals`, whitened (6, b)."""
+def _beyond(likelihood: Likelihood, h: Hypothesis, e: FloatArray) -> BoolArray:
+    """Return which whitened residuals `e` (6, b) of a hypothesis exceed the threshold."""
+    beyond: BoolArray = np.abs(e) > HUBER_THRESHOLD
+    if not beyond[IMU_A_X].any():
+        return beyond
+    problem = likelihood.problem
     p, terms = likelihood.simulation_inputs(h.nuisances, h.effects)
-    p = p.copy()
-    p[INDEX["imu_delay"]] += 0.5 * STEP_S
-    changed = np.abs(likelihood.channel_residuals(p, terms) - residuals)
-    return np.asarray(changed * likelihood.weights * likelihood.filters[:, :1])
+    error = timing_error(problem, p, terms, problem.run(p, terms))
+    whitened = error * likelihood.weights * likelihood.filters[:, :1]
+    return np.asarray(np.abs(e) > HUBER_THRESHOLD + whitened)
 
 
 def _groups(beyond: BoolArray) -> list[slice]:
@@ -161,14 +161,16 @@ def _seconds_on_simulation(likelihood: Likelihood, surrogate: SurrogateModel) ->
     """
     if surrogate.residuals.shape[1] == 0 or not np.any(surrogate.error > 0.0):
         return 0, np.inf
-    scaled = surrogate.unexplained_residuals / likelihood.problem.bin_noise[:, None]
+    noise = likelihood.problem.bin_noise[:, None]
+    scaled = surrogate.unexplained_residuals / noise
     bins = int(scaled.shape[1])
     whitened = [
         causal_filter(row, coefficients)
         for row, coefficients in zip(scaled, likelihood.filters, strict=True)
     ]
     used: BoolArray = np.asarray((likelihood.weights > 0.0).any(axis=1))
-    beyond: BoolArray = (np.abs(np.array(whitened)) > HUBER_THRESHOLD) & used[:, None]
+    threshold = HUBER_THRESHOLD + surrogate.timing_error / noise * likelihood.filters[:, :1]
+    beyond: BoolArray = (np.abs(np.array(whitened)) > threshold) & used[:, None]
     return _seconds(beyond), max(BIN_S * float(bins), 1.0)
 
 

@@ -36,6 +36,7 @@ from adk_ros.mismatch.surrogate.run_inputs import ActiveTerms
 from adk_ros.mismatch.surrogate.state_index import N_CHANNELS
 from adk_ros.mismatch.surrogate.substeps import scale_of
 from adk_ros.mismatch.surrogate.systematic_error import SystematicError, learn_systematic_error
+from adk_ros.mismatch.surrogate.timing_error import timing_error
 from adk_ros.mismatch.surrogate.weak_directions import weakly_identified_directions
 from adk_ros.numerics.arrays import BoolArray, FloatArray, IntArray
 from adk_ros.numerics.levenberg_marquardt import (
@@ -164,6 +165,8 @@ class SurrogateModel:
     """Autocovariance of the residuals; for a surrogate from a file, which has no residuals."""
     open_loop_error: FloatArray | None = None
     """(horizons, 3) RMSE of open-loop predictions of the simulation, if it was measured."""
+    timing_error: FloatArray | float = 0.0
+    """(6, bins) of the residuals, what half a time step changes in them, SI (`timing_error`)."""
     systematic: SystematicError | None = None
     """The error as a function of the driven state, if it was learned."""
     envelope: AccelerationEnvelope | None = None
@@ -177,13 +180,18 @@ class SurrogateModel:
         return self.residuals if self.systematic is None else self.systematic.remaining
 
     def with_known_driving(self, problem: ResidualProblem) -> SurrogateModel:
-        """Return the surrogate with its error and the envelope of the simulation's `problem`."""
+        """Return the surrogate with its errors and the envelope of the simulation's `problem`."""
         terms = self.fixed_terms(problem)
         out = problem.run(self.parameters, terms)
         residuals = problem.residuals(self.parameters, terms)
         learned = learn_systematic_error(problem, out, residuals, SETTLING_BINS)
         accelerations = simulated_accelerations(problem, out)[SETTLING_BINS:]
-        return replace(self, systematic=learned, envelope=AccelerationEnvelope.of(accelerations))
+        return replace(
+            self,
+            systematic=learned,
+            timing_error=timing_error(problem, self.parameters, terms, out)[:, SETTLING_BINS:],
+            envelope=AccelerationEnvelope.of(accelerations),
+        )
 
     def bins_beyond(
         self, problem: ResidualProblem, friction: FloatArray | None = None

@@ -38,6 +38,8 @@ from adk_ros.mismatch.surrogate.feature_terms import FeatureTerm, feature_signal
 from adk_ros.mismatch.surrogate.identification import SurrogateModel
 from adk_ros.mismatch.surrogate.lap import find_lap
 from adk_ros.mismatch.surrogate.residuals import prepare_residual_problem
+from adk_ros.mismatch.surrogate.state_index import IMU_A_X
+from adk_ros.numerics.arrays import FloatArray
 
 PULSES_S = (15.0, 24.0, 33.0, 47.0, 58.0, 71.0)
 
@@ -78,18 +80,46 @@ def test_a_step_of_the_torque_is_known_to_half_a_time_step() -> None:
     after = np.searchsorted(log.imu_s, largest_s, side="right")
     change = 0.5 * (log.imu[after, 0] - log.imu[after - 1, 0])
 
-    def changed(at: npt.NDArray[np.integer[Any]]) -> Downweighted | None:
+    def changed(at: npt.NDArray[np.integer[Any]], channel: int = 0) -> Downweighted | None:
         imu = log.imu.copy()
-        imu[at, 0] -= change
+        imu[at, channel] -= change
         problem = prepare_residual_problem(replace(log, imu=imu))
         likelihood = Likelihood.of(problem, surrogate())
         null = likelihood.fit([], budget=NULL_HYPOTHESIS)
         return downweighted_residuals(likelihood, null, surrogate(), find_lap(problem))
 
     assert changed(after) is None
-    elsewhere = changed(after + 150)
+    elsewhere, sideways = changed(after + 150), changed(after, 1)
     assert elsewhere is not None
+    assert sideways is not None
     assert {x.channel for x in elsewhere.episodes} == {"imu_a_x"}
+    assert {x.channel for x in sideways.episodes} == {"imu_a_y"}
+
+
+def test_the_time_step_of_the_surrogate_is_known_on_the_simulation_too() -> None:
+    model = surrogate()
+    error = np.asarray(model.timing_error)
+    assert error.shape == model.residuals.shape
+    others = np.delete(error, IMU_A_X, axis=0)
+    assert not others.any()
+    assert np.median(error[IMU_A_X]) < 0.01 < 0.1 < error[IMU_A_X].max()
+    problem = prepare_residual_problem(case().recording)
+    likelihood = Likelihood.of(problem, model)
+    null = likelihood.fit([], budget=NULL_HYPOTHESIS)
+    pulses = np.zeros_like(model.residuals)
+    at = np.argsort(error[IMU_A_X])[-6:]
+    pulses[IMU_A_X, at] = 0.9 * error[IMU_A_X, at]
+
+    def simulated(residuals: FloatArray) -> int:
+        as_wrong = replace(model, residuals=residuals, systematic=None)
+        log = with_pulses(PULSES_S, 1.5)
+        of = Likelihood.of(prepare_residual_problem(log), model)
+        hidden = downweighted_residuals(of, null, as_wrong, None)
+        assert hidden is not None
+        return hidden.simulated
+
+    assert simulated(pulses) == 0
+    assert simulated(np.roll(pulses, 25, axis=1)) > 0
 
 
 @pytest.mark.slow
