@@ -39,6 +39,7 @@ from adk_ros.mismatch.inference.significance import significant_effects
 from adk_ros.mismatch.inference.unmodelled import UnmodelledDynamics, fit_feature_expansion
 from adk_ros.mismatch.library.criteria import (
     FEATURE_PREFERENCE_RATIO,
+    INDISTINGUISHABLE_LOSS_SHARE,
     MAX_EXCESS_PER_NOISE,
     MAX_EXCESS_PER_NULL_EXCESS,
     MAX_UNSTRUCTURED_EXCESS,
@@ -93,7 +94,7 @@ def decide(likelihood: Likelihood, path: SelectionPath) -> Decision:
     if not final.effects:
         return Decision(NONE, [], None, final, None)
     deviations = effect_deviations(likelihood, final)
-    evidence_of = _evidence(likelihood, formula)
+    evidence_of = _evidence(likelihood, formula, path.levels[0][0].loss - final.loss)
     effects = [
         _identified(
             likelihood,
@@ -123,14 +124,20 @@ def best_within_bounds(path: SelectionPath) -> Hypothesis:
 
 
 def _evidence(
-    likelihood: Likelihood, formula: UnmodelledDynamics | None
+    likelihood: Likelihood, formula: UnmodelledDynamics | None, gain: float
 ) -> Callable[[Identifiability], Evidence]:
-    """Return what makes the evidence of an effect; `formula` describes the data without any."""
+    """
+    Return what makes the evidence of an effect; `formula` describes the data without any.
+
+    The effects save `gain` together. A formula with more coefficients than they have contains
+    them, and what is not exact in their equations: that alone is no evidence for it.
+    """
     alternatives = []
-    log_prior = 0.0
+    log_prior = inexact = 0.0
     surrogate_error = likelihood.surrogate_error_dof()
     if formula is not None and formula.terms:
         log_prior = formula_log_prior(len(formula.terms))
+        inexact = INDISTINGUISHABLE_LOSS_SHARE * max(gain, 0.0)
         alternatives.append((UNLISTED, LeftOutScores.of(likelihood, formula.hypothesis)))
 
     def of_effect(identifiability: Identifiability) -> Evidence:
@@ -141,7 +148,8 @@ def _evidence(
             np.array([scores.losses - own.losses for _, scores in every]),
             np.append(np.zeros(len(every) - 1), log_prior),
             surrogate_error,
-            np.array([scores.prior_cost - own.prior_cost for _, scores in every]),
+            np.array([scores.prior_cost - own.prior_cost for _, scores in every])
+            + np.append(np.zeros(len(every) - 1), inexact),
         )
 
     return of_effect

@@ -162,9 +162,10 @@ is indistinguishable from it: the likelihood ratio is below `SIGNIFICANT_ODDS`. 
 """
 INDISTINGUISHABLE_LOSS_SHARE = 2e-4
 """
-Share of an effect's gain added to that margin by the watch, which fits its candidates to a few
-blocks: an equation with a relative error e leaves e² of its gain, here with e = 1.4 %, between the
-0.8 and 4.6 % of `SYSTEMATIC_ERROR_SHARE`.
+Share of a gain that an inexact equation leaves: one with a relative error e leaves e², here with
+e = 1.4 %, between the 0.8 and 4.6 % of `SYSTEMATIC_ERROR_SHARE`. The watch, which fits its
+candidates to a few blocks, adds it to that margin; a formula, which contains effects with inexact
+equations, must be better than they are by more.
 """
 CONFIDENCE_PER_SURROGATE_ERROR = 0.001
 """
