@@ -32,8 +32,9 @@ def is_refuted(decision: Decision, validation: Validation) -> bool:
     """
     Whether held-out errors refute what a verdict of an unknown cause claims.
 
-    They do where no state's error falls by `MIN_REMOVED_SHARE` of what could be removed. Faults of
-    sensors and terms with a phase of their own recording are not corrected, and not refuted.
+    They do where no state's error falls by `MIN_REMOVED_SHARE` of what could be removed, also by a
+    correction that is not exported since it raises another one. Faults of sensors and terms with a
+    phase of their own recording are not corrected, and not refuted.
     """
     effects = decision.hypothesis.effects
     corrected = all(
@@ -44,10 +45,8 @@ def is_refuted(decision: Decision, validation: Validation) -> bool:
     )
     if decision.verdict != UNKNOWN or not effects or not corrected:
         return False
-    before, after, expected = (
-        x**2
-        for x in (validation.errors.before, validation.errors.after, validation.errors.expected)
-    )
+    errors = validation.errors
+    before, after, expected = (x**2 for x in (errors.before, errors.corrected, errors.expected))
     with np.errstate(invalid="ignore"):
         removable = before > MAX_EXPLAINED_RATIO**2 * expected
     if not removable.any():

@@ -213,6 +213,9 @@ def test_what_leaves_most_of_the_error_is_refuted() -> None:
     assert is_refuted(unknown, Validation(errors(0.7, 0.6), FULL, ""))
     assert not is_refuted(unknown, Validation(errors(0.7, 0.3), FULL, ""))
     assert not is_refuted(unknown, Validation(errors(0.02, 0.02), FULL, ""))
+    # A correction that raises another error is not exported, and still describes this one.
+    described = replace(errors(0.7, 0.1), after=table(0.7))
+    assert not is_refuted(unknown, Validation(described, NOT_EXPORTED, "", raised=("v_y",)))
     explained = replace(unknown, verdict=EXPLAINED)
     assert not is_refuted(explained, Validation(errors(0.7, 0.6), FULL, ""))
     of_sensor = replace(unknown, hypothesis=hypothesis(effect("gyro_scale", 1.1)))
