@@ -168,10 +168,9 @@ def fit_feature_expansion(
         )
         if not extensions:
             break
-        polished = first_unless_far_behind(
-            [_polished(likelihood, x, jacobian, screening, least_sibling) for x in extensions],
-            least,
-        )
+        fitted = [_polished(likelihood, x, jacobian, screening, least_sibling) for x in extensions]
+        further = required.after(fitted[0].loss - expected_loss)
+        polished = first_unless_far_behind(fitted, further.least())
         n_more = len(polished.effects) - len(current.effects)
         kept = polished
         if _is_searched(polished.effects[-1]):
@@ -214,6 +213,10 @@ class _RequiredGain:
     surrogate_error: float
     excess: float
     left: float
+
+    def after(self, left: float) -> _RequiredGain:
+        """Return what one more feature must gain, where those before leave so much."""
+        return replace(self, left=max(left, 0.0))
 
     def least(self) -> float:
         """Return the least gain."""
@@ -307,12 +310,19 @@ def _best_extensions(
         )
         return refitted[chosen]
 
-    # Among hundreds of thresholds and frequencies one nearly always beats a plain feature.
+    return [best(group) for group in leading_groups(leaders)]
+
+
+def leading_groups(leaders: list[Hypothesis]) -> list[list[Hypothesis]]:
+    """
+    Return the hypotheses, best first, from each of which one is taken, the preferred ones first.
+
+    Among hundreds of thresholds and frequencies one nearly always beats a plain feature; and a
+    plain one may beat them until their parameters are refined: a cube resembles a threshold.
+    """
     plain = [h for h in leaders if not _is_searched(h.effects[-1])]
-    groups = [plain or leaders]
-    if plain and plain[0] is not leaders[0]:
-        groups.append(leaders[:1])
-    return [best(group) for group in groups]
+    searched = [h for h in leaders if _is_searched(h.effects[-1])]
+    return [group for group in (plain, searched[:1] if plain else searched) if group]
 
 
 def first_unless_far_behind(fitted: list[Hypothesis], least: float) -> Hypothesis:

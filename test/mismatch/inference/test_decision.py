@@ -35,6 +35,7 @@ from adk_ros.mismatch.inference.term_meaning import Body
 from adk_ros.mismatch.inference.unmodelled import (
     UnmodelledDynamics,
     first_unless_far_behind,
+    leading_groups,
     most_parsimonious,
 )
 from adk_ros.mismatch.library.catalogue import EFFECTS
@@ -74,6 +75,16 @@ def test_shortest_of_tied_features_is_selected() -> None:
     assert most_parsimonious([power, torque], 20.0) == 1
     assert most_parsimonious([power, torque], 2.0) == 0
     assert most_parsimonious([power, torque, cubic], 5.0) == 2
+
+
+def test_a_searched_feature_is_tried_next_to_a_plain_one() -> None:
+    """A cube gains more than a threshold whose place is not refined yet."""
+    cube, beyond = fitted("yaw_rate_cubed", 100.0), fitted("excess:yaw_rate:0.25", 200.0)
+    finer, linear = fitted("excess:yaw_rate:0.3", 220.0), fitted("yaw_rate", 300.0)
+    assert leading_groups([cube, beyond, finer, linear]) == [[cube, linear], [beyond]]
+    assert leading_groups([beyond, cube]) == [[cube], [beyond]]
+    assert leading_groups([beyond, finer]) == [[beyond, finer]]
+    assert leading_groups([cube, linear]) == [[cube, linear]]
 
 
 def test_searched_feature_needs_the_lead_of_a_further_feature() -> None:
