@@ -87,14 +87,13 @@ Loss that each onset or segment boundary must gain in addition, since it was sea
 largest of n independent chi-squares exceeds one of them by about 2 ln(n), which is 8 for n = 55,
 the blocks (`inference.block_scores.BLOCK_S`) of four and a half minutes.
 """
-MIN_FIRST_GAIN = 26.0
+MIN_FIRST_GAIN = 16.0
 """
-Least penalised gain in loss of a first effect. In white noise, chance exceeds a chi-square of 17
-anywhere among some 1300 effects, onsets and places in one of 20 recordings. It is doubled, by
-choice, for what whitening leaves correlated; `PENALTY_PER_PARAMETER` is subtracted from a gain.
-In 375 clean cases (`adk bench concealed --own`, seeds 6, 7, 9 and a part of 8), absent effects
-gain at most 3 where the surrogate error does not require more; in the 18 of `--calibrate`, 0.07 of
-what is required.
+Least penalised gain in loss of a first effect. In white noise, chance exceeds a chi-square of 24
+anywhere among some 1300 effects, onsets and places in one of a thousand recordings: no false alarm
+is expected in a hundred. `PENALTY_PER_PARAMETER` is subtracted from a gain. In 375 clean cases
+(`adk bench concealed --own`, seeds 6, 7, 9 and a part of 8), absent effects gain at most 3 where
+the surrogate error does not require more; in the 18 of `--calibrate`, 0.07 of what is required.
 """
 MIN_GAIN = 40.0
 """The same of a further effect, next to the inexact equations of others. Calibrated."""
@@ -194,8 +193,8 @@ FEATURE_MIN_GAIN = 60.0
 Least gain of a feature. In white noise, chance exceeds a chi-square of two degrees of freedom of
 29 (an amplitude and a phase) anywhere among some 1e5 formulas in one of 20 recordings: 4
 equations, 550 plain and modified features, and the oscillations that four minutes and some
-kilometres resolve. It is doubled, by choice, as for `MIN_FIRST_GAIN`: in white noise formulas keep
-the rate of false alarms that `FAMILYWISE_ERROR_RATE` allows effects.
+kilometres resolve. It is doubled, by choice, for what whitening leaves correlated: in white noise
+formulas keep the rate of false alarms that `FAMILYWISE_ERROR_RATE` allows effects.
 """
 FEATURE_MIN_GAIN_PER_EXCESS = 0.08
 """
