@@ -58,7 +58,7 @@ def main() -> None:
         local = [] if estimate is None else estimate.local_values()
         usable = list(logs) if estimate is None else estimate.fleet.names
         for name in usable if moved is None else moved:
-            values = {} if estimate is None else estimate.values_of(name)
+            values = {} if estimate is None else estimate.point_of(name)
             try:
                 rows += evidence_rows(logs[name], simulation, values, local, name=name)
             except AdkError as error:

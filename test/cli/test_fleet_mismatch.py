@@ -64,3 +64,24 @@ def test_bags_become_a_page(fleet, tmp_path, capsys) -> None:
     capsys.readouterr()
     assert main(["fleet", "compare", str(out), str(out), "--out", str(tmp_path / "both")]) == 0
     assert Path(capsys.readouterr().out.strip()).is_file()
+
+
+def test_a_further_drive_leaves_most_of_the_evidence_as_it_is(fleet, tmp_path) -> None:
+    """Later passes linearise at the estimate, which a further drive moves a little."""
+    drives, out = tmp_path / "drives", tmp_path / "out"
+    shutil.copytree(fleet / "drives", drives, ignore=shutil.ignore_patterns("zz"))
+    last = sorted(path.parent for path in drives.rglob("metadata.yaml"))[-1]
+    later = tmp_path / "later"
+    shutil.move(last, later)
+    given = ["fleet", "mismatch", str(drives), "--simulation", str(fleet / "simulation")]
+    given += ["--vehicle", str(fleet / "vehicle.yaml"), "--out", str(out), "--reports", "0"]
+    assert main(given) == 0
+    before = {(row["recording"], row["key"]) for row in FleetDataset(out).rows("evidence")}
+    assert not list(out.glob("point-*.json"))
+    shutil.move(later, last)
+    assert main(given) == 0
+    after = {(row["recording"], row["key"]) for row in FleetDataset(out).rows("evidence")}
+    name = last.relative_to(drives).as_posix()
+    added = [pair for pair in after - before if pair[0] != name]
+    assert {pair[0] for pair in after - before} >= {name}
+    assert len(added) < 0.5 * len(before)

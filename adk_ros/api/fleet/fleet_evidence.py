@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -72,18 +71,14 @@ def evidence_of(
 
 def point_file(out: Path, estimate: FleetEstimate | None) -> str:
     """
-    Write the estimate to linearise at, rounded, and return its file, named by its content.
+    Write the estimate to linearise at and return its file, named by its content.
 
     Returns "" for an estimate without effects, at which the recordings are linearised already.
     """
-    from adk_ros.fleet.inference.linearisation_point import rounded_value
-
     if estimate is None:
         return ""
-    values = {name: _rounded(estimate.values_of(name)) for name in estimate.fleet.names}
-    local = [
-        replace(one, value=rounded_value(one.key, one.value)) for one in estimate.local_values()
-    ]
+    values = {name: estimate.point_of(name) for name in estimate.fleet.names}
+    local = estimate.local_values()
     if not local and not any(values.values()):
         return ""
     scratch = out / ".point.json"
@@ -91,14 +86,6 @@ def point_file(out: Path, estimate: FleetEstimate | None) -> str:
     path = out / f"{_POINT}-{file_hash(str(scratch))[:16]}.json"
     scratch.replace(path)
     return str(path)
-
-
-def _rounded(values: Mapping[str, float]) -> dict[str, float]:
-    """Return values, key -> difference from neutral, rounded; without those that become zero."""
-    from adk_ros.fleet.inference.linearisation_point import rounded_value
-
-    rounded = {key: rounded_value(key, value) for key, value in values.items()}
-    return {key: value for key, value in rounded.items() if value != 0.0}
 
 
 def remove_points(out: Path) -> None:

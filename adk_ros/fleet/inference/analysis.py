@@ -30,7 +30,7 @@ from adk_ros.fleet.inference.fleet_estimate import (
 from adk_ros.fleet.inference.fleet_evidence import RecordingTags
 from adk_ros.fleet.inference.fleet_result import FleetResult, fleet_result
 from adk_ros.fleet.inference.fleet_simulation import FleetSimulation
-from adk_ros.fleet.inference.linearisation_point import Point, has_moved
+from adk_ros.fleet.inference.linearisation_point import Point, has_moved, rounded_size
 from adk_ros.fleet.inference.place_evidence import Cell
 from adk_ros.fleet.inference.places import Place
 
@@ -105,7 +105,7 @@ def analyse_fleet(
             by_name.setdefault(str(row["recording"]), []).append(row)
         rows.update(by_name)
         for name in by_name:
-            points[name] = _point(at, name)
+            points[name] = {} if at is None else _sizes(at, at.point_of(name))
             outdated.pop(name, None)
         for name, why in without.items():
             (outdated if name in rows else failed)[name] = why
@@ -115,14 +115,17 @@ def analyse_fleet(
 
     def moved_to(at: FleetEstimate) -> list[str]:
         up_to_date = (name for name in rows if name not in outdated)
-        return [name for name in up_to_date if has_moved(points[name], _point(at, name))]
+        return [
+            name for name in up_to_date if has_moved(points[name], _sizes(at, at.values_of(name)))
+        ]
 
     for turn in range(MAX_PASSES):
         passing: set[str] = set()
         if estimate is not None:
             if cells := _moved_cells(places, estimate.places):
                 passing = {name for name in rows if _passes(rows[name], cells)} - set(outdated)
-                places, moved = estimate.places, {*(moved or ()), *passing}
+                places = tuple(replace(x, size=rounded_size(x.size)) for x in estimate.places)
+                moved = {*(moved or ()), *passing}
             # All recordings are linearised at the same places.
             farthest = _FIRST_STEP if turn == 1 else np.inf
             estimate = replace(estimate, places=places, farthest=farthest)
@@ -157,10 +160,8 @@ def analyse_fleet(
     return FleetAnalysis(estimate, result, failed, outdated)
 
 
-def _point(estimate: FleetEstimate | None, name: str) -> Point:
-    if estimate is None:
-        return {}
-    values, columns = estimate.values_of(name), estimate.fleet.columns
+def _sizes(estimate: FleetEstimate, values: Mapping[str, float]) -> Point:
+    columns = estimate.fleet.columns
     return {key: value / columns.column(key).materiality for key, value in values.items()}
 
 

@@ -22,6 +22,7 @@ from adk_ros.fleet.inference.fleet_candidates import Identity, identity
 from adk_ros.fleet.inference.fleet_evidence import FleetEvidence, RecordingTags
 from adk_ros.fleet.inference.fleet_model import FleetModel, joint_vectors
 from adk_ros.fleet.inference.fleet_selection import Selection
+from adk_ros.fleet.inference.linearisation_point import rounded_values
 from adk_ros.fleet.inference.place_evidence import Cell
 from adk_ros.fleet.inference.places import Place, PlaceData
 from adk_ros.fleet.inference.recording_evidence import PlacedValue
@@ -56,7 +57,7 @@ class FleetEstimate:
         """
         Return the effects in a recording: key -> difference of the fitted variable from neutral.
 
-        Within the bounds of the parameters; where to linearise the recording again.
+        Within the bounds of the parameters.
         """
         i = self.fleet.names.index(recording)
         totals: dict[str, float] = {}
@@ -72,6 +73,10 @@ class FleetEstimate:
             kept = float(np.clip(total, -self.farthest, self.farthest))
             out[key] = float(np.clip(kept * column.materiality, low, high))
         return {key: value for key, value in out.items() if value != 0.0}
+
+    def point_of(self, recording: str) -> dict[str, float]:
+        """Return where to linearise a recording again: its effects, rounded."""
+        return rounded_values(self.values_of(recording))
 
     def local_values(self) -> list[PlacedValue]:
         """

@@ -4,8 +4,8 @@
 Where recordings of a fleet are linearised: effect -> size, in materiality thresholds.
 
 A recording is linearised again where the estimate has moved far enough to matter. Sizes are
-rounded, much more finely than that: a further drive in a fleet moves every estimate a little, and
-the evidence of the others is then the same as before.
+rounded, more finely than that: a further drive in a fleet moves every estimate a little, and the
+evidence of most others is then the same as before.
 """
 
 from __future__ import annotations
@@ -23,11 +23,8 @@ _MOVED, _MOVED_SHARE = 0.3, 0.05
 A recording is linearised again where an effect has moved by so many materiality thresholds, and by
 this share of its size: less changes the estimate by a fraction of its interval. By choice.
 """
-_STEP, _STEP_SHARE = _MOVED / 3.0, _MOVED_SHARE / 3.0
-"""
-Steps to which sizes are rounded: a third of what matters, so that rounding, by half a step at
-most, is a sixth of it.
-"""
+_STEP, _STEP_SHARE = _MOVED / 1.5, _MOVED_SHARE / 1.5
+"""Steps to which sizes are rounded, by half a step at most: a third of what matters."""
 
 
 def has_moved(before: Point, after: Point) -> bool:
@@ -48,6 +45,12 @@ def rounded_size(size: float) -> float:
     finer = max(_STEP, _STEP_SHARE * abs(size))
     step = _STEP * 2.0 ** math.floor(math.log2(finer / _STEP) + 1e-9)
     return step * round(size / step)
+
+
+def rounded_values(values: Mapping[str, float]) -> dict[str, float]:
+    """Return values (key -> difference from neutral) rounded, without those that become zero."""
+    rounded = {key: rounded_value(key, value) for key, value in values.items()}
+    return {key: value for key, value in rounded.items() if value != 0.0}
 
 
 def rounded_value(key: str, value: float) -> float:

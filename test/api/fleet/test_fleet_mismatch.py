@@ -27,6 +27,7 @@ from adk_ros.api.fleet.recording_minutes import recording_minutes
 from adk_ros.errors import DataError, UsageError
 from adk_ros.fleet.dataset import FleetDataset
 from adk_ros.fleet.inference.evidence import RECORDING, Row
+from adk_ros.fleet.inference.linearisation_point import rounded_values
 from adk_ros.fleet.inference.place_evidence import Cell
 from adk_ros.fleet.inference.recording_evidence import PlacedValue
 from adk_ros.fleet.recordings import FleetRecording
@@ -115,8 +116,8 @@ def test_a_further_drive_leaves_the_others_where_they_were_linearised(tmp_path: 
     def estimate(drag: float, names: list[str]) -> Any:
         return SimpleNamespace(
             fleet=SimpleNamespace(names=names),
-            values_of=lambda name: {"aero_drag.cda": drag, "payload.mass": 0.001},
-            local_values=lambda: [PlacedValue("road_grade.grade", (Cell(1, 2, 0),), 0.05 * drag)],
+            point_of=lambda name: rounded_values({"aero_drag.cda": drag, "payload.mass": 0.001}),
+            local_values=list,
         )
 
     def key(drag: float, names: list[str]) -> str:
@@ -252,7 +253,7 @@ def test_workers_of_other_folders_find_the_files_of_a_run(
 ) -> None:
     estimate = SimpleNamespace(
         fleet=SimpleNamespace(names=["a.mcap"]),
-        values_of=lambda name: {"payload.mass": 120.0},
+        point_of=lambda name: {"payload.mass": 120.0},
         local_values=list,
     )
     (tmp_path / "drives").mkdir()

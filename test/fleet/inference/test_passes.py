@@ -45,7 +45,7 @@ def test_a_recording_has_moved(
 @pytest.mark.parametrize("size", [0.0, 0.04, 0.31, -2.0, 7.3, -55.0, 1300.0])
 def test_rounding_is_much_finer_than_what_matters(size: float) -> None:
     rounded = rounded_size(size)
-    assert abs(rounded - size) <= max(0.3, 0.05 * abs(size)) / 6.0 + 1e-12
+    assert abs(rounded - size) <= max(0.3, 0.05 * abs(size)) / 3.0 + 1e-12
     assert rounded_size(rounded) == rounded
     # A small move usually changes nothing.
     moved = [rounded_size(size + 0.002 * i) == rounded for i in range(-5, 6)]
@@ -164,7 +164,7 @@ def evidence_of(
     fleet: FleetEvidence, i: int, kind: str = RECORDING, at: FleetEstimate | None = None
 ) -> Evidence:
     columns, point = fleet.columns, np.zeros(fleet.columns.size)
-    values = {} if at is None else at.values_of(fleet.names[i])
+    values = {} if at is None else at.point_of(fleet.names[i])
     for key, value in values.items():
         j = columns.first_effect + columns.effects.index(key)
         point[j] = value / columns.column(key).materiality
