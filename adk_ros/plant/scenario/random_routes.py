@@ -56,22 +56,23 @@ def random_route(rng: np.random.Generator, roads: RoadStyle) -> tuple[list[Segme
         size = np.abs(angles)
         if size.min() < 30.0 or size.max() > 170.0:
             continue
-        segments = []
-        for angle in angles:
-            segments.append(Segment(straight=float(rng.uniform(*roads.straight))))
-            bend = Bend(
-                radius=float(rng.uniform(*roads.radius)),
-                angle_deg=float(angle),
-                transition=roads.transition,
-            )
-            segments.append(Segment(bend=bend))
         try:
+            segments = [segment for angle in angles for segment in _drawn(rng, roads, angle)]
             length = build_route(segments, [], 1.0).length
         except ValueError:
+            # A bend is shorter than its transition, or the route does not close.
             continue
         if roads.lap[0] < length < roads.lap[1]:
             return segments, length
     raise ValueError("no random route closes")
+
+
+def _drawn(rng: np.random.Generator, roads: RoadStyle, angle: float) -> tuple[Segment, Segment]:
+    """Return a straight and a bend of `angle` degrees."""
+    straight = float(rng.uniform(*roads.straight))
+    radius = float(rng.uniform(*roads.radius))
+    bend = Bend(radius=radius, angle_deg=float(angle), transition=roads.transition)
+    return Segment(straight=straight), Segment(bend=bend)
 
 
 def plan_route(

@@ -15,6 +15,7 @@ from adk_ros.mismatch.inference.question import answer
 from adk_ros.mismatch.inference.required_size import Reach, more_driving, sufficient_loss
 from adk_ros.mismatch.inference.selection_path import SelectionPath, min_required_gain
 from adk_ros.mismatch.library.catalogue import EFFECTS
+from adk_ros.mismatch.library.criteria import MIN_FIRST_GAIN
 
 DRAG = 1.6
 """m², of the recorded car: 1 m² more than simulated."""
@@ -98,14 +99,15 @@ def test_required_loss_solves_the_selection_rule() -> None:
 def test_more_driving_helps_where_the_fixed_part_of_the_required_gain_decides() -> None:
     path = SelectionPath([], [], 1000.0)
     before = Hypothesis((), questioned(driven()).decision.hypothesis.nuisances, 1000.0)
-    factor = more_driving(before, path, 30.0, 8.0, 2.0)
-    assert factor is not None
-    assert 1.1 < factor < 2.0
+    penalty = 8.0
+    removed = (MIN_FIRST_GAIN + penalty) / 1.3
+    factor = more_driving(before, path, removed, penalty, 2.0)
+    assert factor == pytest.approx(1.3, rel=0.05)
     # An effect that is not significant needs the square of what is missing.
-    needed = more_driving(before, path, 30.0, 8.0, 0.5)
+    needed = more_driving(before, path, removed, penalty, 0.5)
     assert needed == pytest.approx(4.0, rel=0.05)
     unexplained = replace(before, loss=2000.0)
-    assert more_driving(unexplained, path, 30.0, 8.0, 2.0) is None
+    assert more_driving(unexplained, path, removed, penalty, 2.0) is None
 
 
 def test_a_parameter_at_its_bound_has_no_detectable_size() -> None:
