@@ -59,7 +59,8 @@ class Validation:
 
     `export`: which of the corrections did not raise any error; `held_out_yaml`: that correction,
     fitted to the training part; `raised`: the states whose error a rejected correction raised,
-    `contradicted`: beyond chance.
+    `contradicted`: beyond chance; `rejected` (horizons, 3): the RMSE with it, of the same data as
+    `errors.before`, None where no correction was rejected.
     """
 
     errors: HeldOutErrors
@@ -67,6 +68,12 @@ class Validation:
     held_out_yaml: str
     raised: tuple[str, ...] = ()
     contradicted: tuple[str, ...] = ()
+    rejected: FloatArray | None = None
+
+    @property
+    def described(self) -> FloatArray:
+        """The RMSE (horizons, 3) with all that was fitted, whether it is exported or rejected."""
+        return self.errors.after if self.rejected is None else self.rejected
 
     @property
     def error_ratio(self) -> float:
@@ -113,7 +120,8 @@ def validate_on_held_out(
     corrected = after if unchanged else rmse(horizon_errors(_parsed(judged), clean))
     hidden = [STATE_NAMES.index(name) for name in not_judged]
     faulty = [STATE_NAMES.index(name) for name in unjudged_states(effects)]
-    for values in (before, after, corrected):
+    rejected = None if chosen.refused_errors is None else rmse(chosen.refused_errors)
+    for values in (before, after, corrected, *(() if rejected is None else (rejected,))):
         values[:, hidden] = np.nan
     corrected = corrected.copy()
     corrected[:, faulty] = np.nan
@@ -132,6 +140,7 @@ def validate_on_held_out(
         text,
         chosen.raised,
         chosen.contradicted,
+        rejected,
     )
 
 

@@ -46,9 +46,12 @@ def is_refuted(decision: Decision, validation: Validation) -> bool:
     if decision.verdict != UNKNOWN or not effects or not corrected:
         return False
     errors = validation.errors
-    before, after, expected = (x**2 for x in (errors.before, errors.corrected, errors.expected))
+    before, after, expected = (
+        x**2 for x in (errors.before, validation.described, errors.expected)
+    )
     with np.errstate(invalid="ignore"):
         removable = before > MAX_EXPLAINED_RATIO**2 * expected
+    removable &= np.isfinite(after)
     if not removable.any():
         return False
     shares = (before - after)[removable] / (before - expected)[removable]

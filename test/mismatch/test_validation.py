@@ -214,8 +214,13 @@ def test_what_leaves_most_of_the_error_is_refuted() -> None:
     assert not is_refuted(unknown, Validation(errors(0.7, 0.3), FULL, ""))
     assert not is_refuted(unknown, Validation(errors(0.02, 0.02), FULL, ""))
     # A correction that raises another error is not exported, and still describes this one.
-    described = replace(errors(0.7, 0.1), after=table(0.7))
-    assert not is_refuted(unknown, Validation(described, NOT_EXPORTED, "", raised=("v_y",)))
+    kept = Validation(errors(0.7, 0.7), NOT_EXPORTED, "", raised=("v_y",))
+    assert not is_refuted(unknown, replace(kept, rejected=table(0.1)))
+    assert is_refuted(unknown, replace(kept, rejected=table(0.6)))
+    # A horizon that no prediction reaches says nothing.
+    partly = table(0.6)
+    partly[-1] = np.nan
+    assert is_refuted(unknown, replace(kept, rejected=partly))
     explained = replace(unknown, verdict=EXPLAINED)
     assert not is_refuted(explained, Validation(errors(0.7, 0.6), FULL, ""))
     of_sensor = replace(unknown, hypothesis=hypothesis(effect("gyro_scale", 1.1)))

@@ -18,12 +18,13 @@ with prior_a = 1 except for a formula, which was chosen among many, and S the lo
 surrogate's own error. It repeats on every lap and favours one of two similar effects, so that tau
 tempers the likelihood. A further term in proportion to the loss that the hypothesis saves, for
 equations that are not exact, has a most likely share below 1e-6, the least examined (`--calibrate`
-at bf901ba), and is left out between effects. A formula of several coefficients contains effects
-and what is inexact in them: its c_a has INDISTINGUISHABLE_LOSS_SHARE of that loss in addition. The
-odds of undescribed physics rise with the largest held-out error r, over what a correct model
-explains: UNLISTED_ODDS r^UNLISTED_EXPONENT. The probability is the mean over the bootstrap of
-1 / (1 + all odds): pseudo-Bayesian model averaging (Y. Yao, A. Vehtari, D. Simpson, A. Gelman,
-"Using stacking to average Bayesian predictive distributions", Bayesian Analysis 13 (2018) 917).
+at bf901ba), and is left out between effects. A formula with more coefficients than the effects
+contains them and what is inexact in them: its c_a has INDISTINGUISHABLE_LOSS_SHARE of that loss in
+addition. The odds of undescribed physics rise with the largest held-out error r, over what a
+correct model explains: UNLISTED_ODDS r^UNLISTED_EXPONENT. The probability is the mean over the
+bootstrap of 1 / (1 + all odds): pseudo-Bayesian model averaging (Y. Yao, A. Vehtari, D. Simpson,
+A. Gelman, "Using stacking to average Bayesian predictive distributions", Bayesian Analysis 13
+(2018) 917).
 
 `library.criteria` names the source of the constants; `adk bench concealed --calibrate` prints
 their most likely values.

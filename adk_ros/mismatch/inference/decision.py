@@ -94,7 +94,7 @@ def decide(likelihood: Likelihood, path: SelectionPath) -> Decision:
     if not final.effects:
         return Decision(NONE, [], None, final, None)
     deviations = effect_deviations(likelihood, final)
-    evidence_of = _evidence(likelihood, formula, path.levels[0][0].loss - final.loss)
+    evidence_of = _evidence(likelihood, formula, final, path.levels[0][0].loss - final.loss)
     effects = [
         _identified(
             likelihood,
@@ -124,20 +124,21 @@ def best_within_bounds(path: SelectionPath) -> Hypothesis:
 
 
 def _evidence(
-    likelihood: Likelihood, formula: UnmodelledDynamics | None, gain: float
+    likelihood: Likelihood, formula: UnmodelledDynamics | None, h: Hypothesis, gain: float
 ) -> Callable[[Identifiability], Evidence]:
     """
     Return what makes the evidence of an effect; `formula` describes the data without any.
 
-    The effects save `gain` together. A formula with more coefficients than they have contains
-    them, and what is not exact in their equations: that alone is no evidence for it.
+    The effects of `h` save `gain` together. A formula with more coefficients than they have
+    contains them, and what is not exact in their equations: that alone is no evidence for it.
     """
     alternatives = []
     log_prior = inexact = 0.0
     surrogate_error = likelihood.surrogate_error_dof()
     if formula is not None and formula.terms:
         log_prior = formula_log_prior(len(formula.terms))
-        inexact = INDISTINGUISHABLE_LOSS_SHARE * max(gain, 0.0)
+        if _contains(formula, h):
+            inexact = INDISTINGUISHABLE_LOSS_SHARE * max(gain, 0.0)
         alternatives.append((UNLISTED, LeftOutScores.of(likelihood, formula.hypothesis)))
 
     def of_effect(identifiability: Identifiability) -> Evidence:
@@ -153,6 +154,13 @@ def _evidence(
         )
 
     return of_effect
+
+
+def _contains(formula: UnmodelledDynamics, h: Hypothesis) -> bool:
+    """Whether a formula has more coefficients than the effects of `h`, all of the catalogue."""
+    if any(isinstance(active.effect, FeatureEffect) for active in h.effects):
+        return False
+    return len(formula.terms) > sum(len(active.theta) for active in h.effects)
 
 
 def _fit_final(

@@ -8,7 +8,8 @@ recording of any length none is expected. What exceeds them is a disturbance tha
 fault of a sensor, or what the surrogate already gets wrong about the simulation. The last is
 counted there (`downweighted_episodes`).
 
-The error of the surrogate's time step raises the threshold on both (`surrogate.timing_error`).
+The error of the surrogate's time step raises the threshold on the recording and on the simulation
+(`surrogate.timing_error`).
 """
 
 from __future__ import annotations

@@ -91,9 +91,10 @@ MIN_FIRST_GAIN = 16.0
 """
 Least penalised gain in loss of a first effect. In white noise, chance exceeds a chi-square of 24
 anywhere among some 1300 effects, onsets and places in one of a thousand recordings: no false alarm
-is expected in a hundred. `PENALTY_PER_PARAMETER` is subtracted from a gain. In 375 clean cases
-(`adk bench concealed --own`, seeds 6, 7, 9 and a part of 8), absent effects gain at most 3 where
-the surrogate error does not require more; in the 18 of `--calibrate`, 0.07 of what is required.
+is expected in a hundred. `PENALTY_PER_PARAMETER` is subtracted from a gain. For what whitening
+leaves correlated nothing is added: in 375 clean cases (`adk bench concealed --own`, seeds 6, 7, 9
+and a part of 8), absent effects gain at most 3 where the surrogate error does not require more; in
+the 18 of `--calibrate`, 0.07 of the 26 that were required then.
 """
 MIN_GAIN = 40.0
 """The same of a further effect, next to the inexact equations of others. Calibrated."""
@@ -163,8 +164,8 @@ INDISTINGUISHABLE_LOSS_SHARE = 2e-4
 """
 Share of a gain that an inexact equation leaves: one with a relative error e leaves e², here with
 e = 1.4 %, between the 0.8 and 4.6 % of `SYSTEMATIC_ERROR_SHARE`. The watch, which fits its
-candidates to a few blocks, adds it to that margin; a formula, which contains effects with inexact
-equations, must be better than they are by more.
+candidates to a few blocks, adds it to that margin; a formula with more coefficients than effects,
+which contains them and what is inexact in them, must be better by more.
 """
 CONFIDENCE_PER_SURROGATE_ERROR = 0.001
 """

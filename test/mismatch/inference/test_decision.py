@@ -138,14 +138,21 @@ def test_a_formula_must_be_better_by_more_than_an_inexact_equation_leaves(
             return 0.0
 
     found = Identifiability(7e5, (), LeftOutScores(losses["effect"], 0.0), ())
-    formula = expression(21_882.0, "constant", "speed")
+    two, one = expression(21_882.0, "constant", "speed"), expression(21_882.0, "constant")
 
-    def margin(gain: float) -> float:
+    def margin(formula: UnmodelledDynamics, h: Hypothesis, gain: float) -> float:
         likelihood: Any = NoSurrogateError()
-        return decision._evidence(likelihood, formula, gain)(found).margins()["unlisted"]
+        return decision._evidence(likelihood, formula, h, gain)(found).margins()["unlisted"]
 
-    assert margin(0.0) == pytest.approx(-48.0)
-    assert margin(7e5) == pytest.approx(-48.0 + 140.0)
+    drag = effects(21_930.0, "brake_drag_one_side")
+    assert margin(two, drag, 0.0) == pytest.approx(-48.0)
+    assert margin(two, drag, 7e5) == pytest.approx(-48.0 + 140.0)
+    # One term contains neither an effect nor two that mimic it.
+    assert margin(one, drag, 7e5) == pytest.approx(-48.0)
+    both = effects(21_930.0, "brake_drag_one_side", "steering_offset")
+    assert margin(two, both, 7e5) == pytest.approx(-48.0)
+    with_term = Hypothesis((*drag.effects, *fitted("speed", 0.0).effects), np.zeros(0), 0.0)
+    assert margin(two, with_term, 7e5) == pytest.approx(-48.0)
 
 
 def test_surrogate_error_raises_the_gain_required_of_an_expression() -> None:
