@@ -169,7 +169,7 @@ class FleetDataset:
             rows = self._read(path, list(RESULT))
             kept = [row for row in rows if row["key"] not in keys]
             if not kept:
-                path.unlink()
+                self._remove(path)
             elif len(kept) < len(rows):
                 self._write(path.parent, RESULT, kept, path.name)
 
@@ -182,11 +182,23 @@ class FleetDataset:
         for path in _parts(self.folder(stage)):
             kept = [is_kept(row) for row in self._read(path, list(PRUNED_BY))]
             if not any(kept):
-                path.unlink()
+                self._remove(path)
             elif not all(kept):
                 rows = self._read(path, list(RESULT))
                 chosen = [row for row, is_one in zip(rows, kept, strict=True) if is_one]
                 self._write(path.parent, RESULT, chosen, path.name)
+
+    def _remove(self, path: Path) -> None:
+        try:
+            path.unlink(missing_ok=True)
+        except OSError as error:
+            raise self._not_writable(error) from None
+
+    def _not_writable(self, error: OSError) -> UsageError:
+        return UsageError(
+            f"{self._out} cannot be written: {error.strerror or error}: the results so far "
+            "are kept, run the same command again to continue"
+        )
 
     def _write(
         self,
@@ -211,10 +223,7 @@ class FleetDataset:
             os.replace(scratch, folder / (name or unique))
         except OSError as error:
             scratch.unlink(missing_ok=True)
-            raise UsageError(
-                f"{self._out} cannot be written: {error.strerror or error}: the results so far "
-                "are kept, run the same command again to continue"
-            ) from None
+            raise self._not_writable(error) from None
 
     def table(self, columns: Mapping[str, str], rows: Sequence[Mapping[str, Any]]) -> Any:
         """Return rows as an Arrow table with the given columns."""

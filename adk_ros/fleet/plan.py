@@ -113,8 +113,22 @@ def current_rows(
     :param where: as in `FleetDataset.rows`.
     """
     keys = current_keys(version, recordings, dataset.content_hashes())
+    return rows_of(keys, version.name, dataset, where)
+
+
+def rows_of(
+    keys: Mapping[str, str],
+    stage: str,
+    dataset: FleetDataset,
+    where: Mapping[str, Collection[str]] | None = None,
+) -> list[dict[str, Any]]:
+    """
+    Return the rows of a stage with the key that each recording has, by name.
+
+    :param where: as in `FleetDataset.rows`.
+    """
     wanted = {"key": set(keys.values()), "recording": keys.keys()}
-    rows = dataset.rows(version.name, {**wanted, **(where or {})})
+    rows = dataset.rows(stage, {**wanted, **(where or {})})
     # A recording may have had the content that another one has now.
     return [row for row in rows if row["key"] == keys[row["recording"]]]
 

@@ -222,7 +222,7 @@ def result_rows(version: StageVersion, work: Work, reply: Reply) -> list[dict[st
             "content_hash": work.content_hash,
             "key": work.key,
             "code_version": version.code_version,
-            "inputs_hash": version.inputs_hash,
+            "inputs_hash": version.inputs_of(recording.name),
             "status": "failed" if reply.failure else "ok",
             "failure": reply.failure.value if reply.failure else None,
             "reason": reply.reason or None,

@@ -69,10 +69,18 @@ class StageVersion:
     inputs_hash: str
     recording_inputs: Callable[[str], str] = _no_inputs
 
+    def inputs_of(self, recording: str) -> str:
+        """
+        Return the inputs of a recording: `inputs_hash`, then "-" and a hash of its separate ones.
+
+        The first part is that of the whole stage.
+        """
+        separate = self.recording_inputs(recording)
+        return f"{self.inputs_hash}-{separate[:16]}" if separate else self.inputs_hash
+
     def key(self, content_hash: str, recording: str) -> str:
         """Return the key of a result: equal exactly if all that it depends on is equal."""
-        inputs = (self.inputs_hash, self.recording_inputs(recording))
-        parts = (content_hash, self.code_version, self.name, *inputs)
+        parts = (content_hash, self.code_version, self.name, self.inputs_of(recording))
         return hashlib.sha256("\n".join(parts).encode()).hexdigest()
 
 

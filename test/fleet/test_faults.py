@@ -11,8 +11,17 @@ import fleet_faults
 import pytest
 from fleet_faults import FULL, INDEX, SECOND, STORE, Faults, Tally, criteria_of
 
-from adk_ros.bench.fleet.disturbed_runs import Repeats, different_rows, repeats_of, work_of
+from adk_ros.api.fleet.evidence_stage import EvidenceStage, write_point
+from adk_ros.bench.fleet.disturbed_runs import (
+    LoggedStage,
+    Repeats,
+    _stored,
+    different_rows,
+    repeats_of,
+    work_of,
+)
 from adk_ros.fleet.dataset import FleetDataset
+from adk_ros.fleet.stage import version_of
 
 
 @pytest.fixture(scope="module")
@@ -54,6 +63,22 @@ def test_what_counts_as_done_twice(tmp_path) -> None:
     assert repeats_of(log, tmp_path / "out") == Repeats(started=1, stored=0)
     (log / f"{works['again']}-{2**62}-9").touch()
     assert repeats_of(log, tmp_path / "out") == Repeats(started=2, stored=1)
+
+
+def test_a_logged_stage_has_the_keys_of_its_stage(tmp_path, monkeypatch) -> None:
+    point, log = tmp_path / "point.json", tmp_path / "log"
+    write_point(point, {"a": {"payload.mass": 120.0}}, [])
+    log.mkdir()
+    stage = EvidenceStage("", str(point))
+    logged = LoggedStage(stage, str(log), 0.0, stage.name, stage.inputs_hash, stage.shared_paths)
+    for name in ("a", "b"):
+        assert version_of(logged).key("content", name) == version_of(stage).key("content", name)
+    monkeypatch.setattr(EvidenceStage, "run", lambda *_: [])
+    logged.run(tmp_path, "a")
+    (started,) = (path.name.split("-")[0] for path in log.iterdir())
+    row = {"recording": "a", "inputs_hash": version_of(stage).inputs_of("a"), "key": "k"}
+    FleetDataset(tmp_path / "out").append(stage.name, [row])
+    assert [work for work, _ in _stored(tmp_path / "out")] == [started]
 
 
 def test_differences_of_rows() -> None:

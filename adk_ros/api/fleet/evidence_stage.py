@@ -55,10 +55,11 @@ class EvidenceStage:
     def recording_inputs(self) -> Callable[[str], str]:
         """Return name of a recording -> hash of the estimate at which it is linearised."""
         values, places = _point_content(self.point)
+        at_places = hash_of(places) if places else ""
 
         def inputs_of(recording: str) -> str:
-            own = sorted(values.get(recording, {}).items())
-            return hash_of([own, places]) if own or places else ""
+            separate = sorted(values.get(recording, {}).items())
+            return hash_of([separate, at_places]) if separate or places else ""
 
         return inputs_of
 
@@ -134,7 +135,8 @@ def evidence_row(text: str, recording: str) -> Row:
 
 def write_point(path: Path, values: Mapping[str, Mapping[str, float]], local: list[Any]) -> None:
     """Write the estimate of a fleet: recording -> key -> value, and effects at places."""
-    places = [[one.key, [cell.text for cell in one.cells], one.value] for one in local]
+    # Their order is that of their significance, which changes nothing here.
+    places = sorted([one.key, [cell.text for cell in one.cells], one.value] for one in local)
     content = {"values": {name: dict(x) for name, x in sorted(values.items())}, "places": places}
     path.write_text(json.dumps(content, indent=1), encoding="utf-8")
 

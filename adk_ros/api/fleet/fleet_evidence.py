@@ -5,13 +5,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from adk_ros.api.fleet.evidence_stage import EvidenceStage, evidence_row, write_point
 from adk_ros.api.fleet.index_stage import file_hash
 from adk_ros.fleet.dataset import FleetDataset
-from adk_ros.fleet.plan import content_of, current_keys, current_rows, distinct_rows
+from adk_ros.fleet.plan import content_of, current_keys, distinct_rows, rows_of
 from adk_ros.fleet.recordings import FleetRecording
 from adk_ros.fleet.stage import StageVersion, version_of
 
@@ -19,54 +20,55 @@ if TYPE_CHECKING:
     from adk_ros.fleet.inference.evidence import Row
     from adk_ros.fleet.inference.fleet_estimate import FleetEstimate
 
-_POINT = "point"
+_POINT, _DIGITS = "point", 16
 
 
 class CurrentEvidence:
-    """The evidence that a run has used, in all its passes."""
+    """The evidence of a fleet in the dataset `out`, as a run uses it in its passes."""
 
-    def __init__(self) -> None:
+    def __init__(self, out: Path) -> None:
+        self._dataset = FleetDataset(out)
         self._version: StageVersion | None = None
         self._keys: set[str] = set()
         self._names: set[str] = set()
 
-    def add(self, out: Path, stage: EvidenceStage, recordings: Sequence[FleetRecording]) -> None:
-        """Add the evidence of recordings that a stage has used."""
-        self._version = version_of(stage)
-        keys = current_keys(self._version, recordings, FleetDataset(out).content_hashes())
+    def of(
+        self, stage: EvidenceStage, recordings: Sequence[FleetRecording]
+    ) -> tuple[list[Row], dict[str, str]]:
+        """Return the evidence of recordings by a stage, and name -> why one has none."""
+        version = self._version = version_of(stage)
+        keys = current_keys(version, recordings, self._dataset.content_hashes())
         self._keys |= set(keys.values())
         self._names |= keys.keys()
+        found = rows_of(keys, version.name, self._dataset)
+        rows, left_out = distinct_rows(found, content_of)
+        known = {str(row["recording"]) for row in found}
+        left_out |= {x.name: "has no evidence" for x in recordings if x.name not in known}
+        return [evidence_row(row["details"], str(row["recording"])) for row in rows], left_out
 
-    def prune(self, out: Path) -> None:
+    def prune(self) -> None:
         """
-        Remove the evidence of these recordings that no further run would use.
+        Remove the evidence of these recordings that this run has not used.
 
         That is what other code found, and what was linearised elsewhere than in this run, whose
         points a further run, with a drive more, meets again. That of other simulations stays.
+
+        :raises UsageError: the folder cannot be written.
         """
         version = self._version
         if version is None:
             return
 
         def is_kept(row: Mapping[str, str]) -> bool:
+            of_stage, _, _ = row["inputs_hash"].partition("-")
             superseded = (
-                row["code_version"] != version.code_version
-                or row["inputs_hash"] == version.inputs_hash
+                row["code_version"] != version.code_version or of_stage == version.inputs_hash
             )
             return (
                 row["recording"] not in self._names or row["key"] in self._keys or not superseded
             )
 
-        FleetDataset(out).prune(version.name, is_kept)
-
-
-def evidence_of(
-    out: Path, stage: EvidenceStage, recordings: Sequence[FleetRecording]
-) -> tuple[list[Row], dict[str, str]]:
-    """Return the evidence of these recordings in a dataset, and name -> reason of the others."""
-    found = current_rows(version_of(stage), recordings, FleetDataset(out))
-    rows, left_out = distinct_rows(found, content_of)
-    return [evidence_row(row["details"], str(row["recording"])) for row in rows], left_out
+        self._dataset.prune(version.name, is_kept)
 
 
 def point_file(out: Path, estimate: FleetEstimate | None) -> str:
@@ -83,12 +85,13 @@ def point_file(out: Path, estimate: FleetEstimate | None) -> str:
         return ""
     scratch = out / ".point.json"
     write_point(scratch, values, local)
-    path = out / f"{_POINT}-{file_hash(str(scratch))[:16]}.json"
+    path = out / f"{_POINT}-{file_hash(str(scratch))[:_DIGITS]}.json"
     scratch.replace(path)
     return str(path)
 
 
 def remove_points(out: Path) -> None:
     """Remove the files of `point_file`; a run that goes on writes them again."""
-    for path in out.glob(f"{_POINT}-*.json"):
-        path.unlink(missing_ok=True)
+    for path in out.glob(f"{_POINT}-{_DIGITS * '[0-9a-f]'}.json"):
+        with suppress(OSError):
+            path.unlink(missing_ok=True)

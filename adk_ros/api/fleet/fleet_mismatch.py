@@ -13,7 +13,7 @@ from __future__ import annotations
 import json
 import shutil
 from collections.abc import Collection, Mapping, Sequence
-from contextlib import ExitStack, nullcontext
+from contextlib import ExitStack, nullcontext, suppress
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -21,12 +21,7 @@ from typing import TYPE_CHECKING
 from urllib.parse import quote
 
 from adk_ros.api.fleet.evidence_stage import EvidenceStage
-from adk_ros.api.fleet.fleet_evidence import (
-    CurrentEvidence,
-    evidence_of,
-    point_file,
-    remove_points,
-)
+from adk_ros.api.fleet.fleet_evidence import CurrentEvidence, point_file, remove_points
 from adk_ros.api.fleet.fleet_run import (
     FleetOptions,
     check_options,
@@ -147,7 +142,7 @@ def fleet_mismatch(
                 progress(done, 1.0, text)
 
         unplaced: set[str] = set()
-        current = CurrentEvidence()
+        current = CurrentEvidence(out)
         logs = shared / LOGS
         logs.mkdir(exist_ok=True)
         with ExitStack() as stack:
@@ -166,8 +161,7 @@ def fleet_mismatch(
                 names &= names if moved is None else set(moved)
                 usable = [recording for recording in found if recording.name in names]
                 run_stage(stage, usable, out, lambda: nullcontext(cluster()), limits, progress)
-                current.add(out, stage, usable)
-                rows, failed = evidence_of(out, stage, usable)
+                rows, failed = current.of(stage, usable)
                 unplaced.update(row["recording"] for row in rows if row.get(UNPLACED))
                 return rows, failed
 
@@ -185,7 +179,6 @@ def fleet_mismatch(
         # An interrupted run needs them when it continues.
         shutil.rmtree(logs, ignore_errors=True)
         remove_points(shared)
-        current.prune(out)
         failed = tuple(sorted(analysis.failed.items()))
         models = corrected_models(analysis.result, known.surrogate)
         links = _links(out, stage, shown)
@@ -203,6 +196,10 @@ def fleet_mismatch(
             unplaced=text,
         )
         left = len(listed) - len(found)
+        if not left:
+            # Nothing that is lost: a run of all recordings has another estimate than a trial.
+            with suppress(UsageError):
+                current.prune()
         notes = (*table.notes, text) if text else table.notes
         return FleetMismatch(analysis.result, page, failed, left, notes)
 

@@ -83,4 +83,8 @@ def estimate_mismatch(
         seconds = DEFAULT_CORE_S * minutes * USUAL_PASSES / options.workers
         return replace(first, seconds=seconds, basis=_DEFAULT_BASIS)
     every = estimate_stage(replace(stage, simulation=""), found, out, options)
-    return replace(first, seconds=first.seconds + (USUAL_PASSES - 1) * (every.seconds or 0.0))
+    return replace(
+        first,
+        seconds=first.seconds + (USUAL_PASSES - 1) * (every.seconds or 0.0),
+        basis=f"{first.basis}; less where later passes keep evidence of an earlier run",
+    )

@@ -15,7 +15,7 @@ import tempfile
 import threading
 import time
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import wraps
@@ -26,7 +26,7 @@ import psutil
 
 from adk_ros.fleet.dataset import RESULTS, FleetDataset
 from adk_ros.fleet.libraries import fleet_library
-from adk_ros.fleet.stage import Stage
+from adk_ros.fleet.stage import Stage, version_of
 
 WORKERS = 2
 VARYING = ("seconds", "memory_mib", "written_s")
@@ -60,9 +60,13 @@ class LoggedStage:
     inputs_hash: str
     shared_paths: tuple[str, ...]
 
+    def recording_inputs(self) -> Callable[[str], str]:
+        """Return those of the stage."""
+        return version_of(self.stage).recording_inputs
+
     def run(self, path: Path, recording: str) -> list[dict[str, Any]]:
         """Return the rows of the stage."""
-        work = work_of(self.name, self.inputs_hash, recording)
+        work = work_of(self.name, version_of(self.stage).inputs_of(recording), recording)
         (Path(self.log) / f"{work}-{time.time_ns()}-{os.getpid()}").touch()
         time.sleep(self.nap_s)
         return self.stage.run(path, recording)

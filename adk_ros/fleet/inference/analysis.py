@@ -105,7 +105,7 @@ def analyse_fleet(
             by_name.setdefault(str(row["recording"]), []).append(row)
         rows.update(by_name)
         for name in by_name:
-            points[name] = {} if at is None else _sizes(at, at.point_of(name))
+            points[name] = {} if at is None else _in_thresholds(at, at.point_of(name))
             outdated.pop(name, None)
         for name, why in without.items():
             (outdated if name in rows else failed)[name] = why
@@ -116,7 +116,9 @@ def analyse_fleet(
     def moved_to(at: FleetEstimate) -> list[str]:
         up_to_date = (name for name in rows if name not in outdated)
         return [
-            name for name in up_to_date if has_moved(points[name], _sizes(at, at.values_of(name)))
+            name
+            for name in up_to_date
+            if has_moved(points[name], _in_thresholds(at, at.values_of(name)))
         ]
 
     for turn in range(MAX_PASSES):
@@ -124,7 +126,7 @@ def analyse_fleet(
         if estimate is not None:
             if cells := _moved_cells(places, estimate.places):
                 passing = {name for name in rows if _passes(rows[name], cells)} - set(outdated)
-                places = tuple(replace(x, size=rounded_size(x.size)) for x in estimate.places)
+                places = _linearised_at(places, estimate.places)
                 moved = {*(moved or ()), *passing}
             # All recordings are linearised at the same places.
             farthest = _FIRST_STEP if turn == 1 else np.inf
@@ -160,9 +162,25 @@ def analyse_fleet(
     return FleetAnalysis(estimate, result, failed, outdated)
 
 
-def _sizes(estimate: FleetEstimate, values: Mapping[str, float]) -> Point:
+def _in_thresholds(estimate: FleetEstimate, values: Mapping[str, float]) -> Point:
     columns = estimate.fleet.columns
     return {key: value / columns.column(key).materiality for key, value in values.items()}
+
+
+def _linearised_at(before: Sequence[Place], after: Sequence[Place]) -> tuple[Place, ...]:
+    """
+    Return the places `after`, with the sizes at which recordings are linearised, rounded.
+
+    A place that has not moved keeps its size: recordings that pass it are not linearised again.
+    """
+    known = {(p.key, p.cells): p.size for p in before}
+    out = []
+    for place in after:
+        size = known.get((place.key, place.cells), 0.0)
+        if has_moved({"": size}, {"": place.size}):
+            size = rounded_size(place.size)
+        out.append(replace(place, size=size))
+    return tuple(out)
 
 
 def _moved_cells(before: Sequence[Place], after: Sequence[Place]) -> set[Cell]:

@@ -76,7 +76,7 @@ class FleetEstimate:
 
     def point_of(self, recording: str) -> dict[str, float]:
         """Return where to linearise a recording again: its effects, rounded."""
-        return rounded_values(self.values_of(recording))
+        return rounded_values(self.values_of(recording), self.fleet.columns)
 
     def local_values(self) -> list[PlacedValue]:
         """

@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
-from adk_ros.fleet.inference.evidence import column_of
+from adk_ros.fleet.inference.evidence import Column, Columns
 
 Point = Mapping[str, float]
 """Where a recording is linearised: effect -> size, thresholds."""
@@ -47,15 +47,14 @@ def rounded_size(size: float) -> float:
     return step * round(size / step)
 
 
-def rounded_values(values: Mapping[str, float]) -> dict[str, float]:
+def rounded_values(values: Mapping[str, float], columns: Columns) -> dict[str, float]:
     """Return values (key -> difference from neutral) rounded, without those that become zero."""
-    rounded = {key: rounded_value(key, value) for key, value in values.items()}
+    rounded = {key: rounded_value(columns.column(key), x) for key, x in values.items()}
     return {key: value for key, value in rounded.items() if value != 0.0}
 
 
-def rounded_value(key: str, value: float) -> float:
-    """Return a difference from neutral of the effect parameter `key`, rounded within bounds."""
-    column = column_of(key)
+def rounded_value(column: Column, value: float) -> float:
+    """Return a difference from neutral of an effect's parameter, rounded within its bounds."""
     p = column.parameter
     low, high = (b - p.theta_neutral for b in p.bounds())
     rounded = rounded_size(value / column.materiality) * column.materiality

@@ -20,13 +20,13 @@ from adk_ros.api.fleet.evidence_stage import (
     write_point,
 )
 from adk_ros.api.fleet.fleet_demo import read_truth
-from adk_ros.api.fleet.fleet_evidence import CurrentEvidence, evidence_of, point_file
+from adk_ros.api.fleet.fleet_evidence import CurrentEvidence, point_file
 from adk_ros.api.fleet.fleet_mismatch import fleet_mismatch, recording_tags
 from adk_ros.api.fleet.fleet_run import FleetOptions, chosen_recordings
 from adk_ros.api.fleet.recording_minutes import recording_minutes
 from adk_ros.errors import DataError, UsageError
 from adk_ros.fleet.dataset import FleetDataset
-from adk_ros.fleet.inference.evidence import RECORDING, Row
+from adk_ros.fleet.inference.evidence import RECORDING, Columns, Row
 from adk_ros.fleet.inference.linearisation_point import rounded_values
 from adk_ros.fleet.inference.place_evidence import Cell
 from adk_ros.fleet.inference.recording_evidence import PlacedValue
@@ -116,7 +116,9 @@ def test_a_further_drive_leaves_the_others_where_they_were_linearised(tmp_path: 
     def estimate(drag: float, names: list[str]) -> Any:
         return SimpleNamespace(
             fleet=SimpleNamespace(names=names),
-            point_of=lambda name: rounded_values({"aero_drag.cda": drag, "payload.mass": 0.001}),
+            point_of=lambda name: rounded_values(
+                {"aero_drag.cda": drag, "payload.mass": 0.001}, Columns(0, ())
+            ),
             local_values=list,
         )
 
@@ -140,13 +142,18 @@ def test_evidence_that_no_run_uses_again_is_removed(tmp_path: Path) -> None:
         [{"uri": x.uri, "version": x.version, "content_hash": x.name} for x in found]
     )
 
+    details = evidence_text({"kind": RECORDING})
+
     def row(name: str, finding: str, at: StageVersion = version) -> dict[str, str]:
         return {
+            "status": "ok",
+            "content_hash": name,
+            "details": details,
             "recording": name,
             "finding": finding,
             "key": at.key(name, name),
             "code_version": at.code_version,
-            "inputs_hash": at.inputs_hash,
+            "inputs_hash": at.inputs_of(name),
         }
 
     elsewhere = replace(version, recording_inputs=lambda name: "another point")
@@ -154,11 +161,11 @@ def test_evidence_that_no_run_uses_again_is_removed(tmp_path: Path) -> None:
     dataset.append(stage.name, [row("a", "superseded", elsewhere), row("c", "kept", elsewhere)])
     dataset.append(stage.name, [row("a", "old", replace(version, code_version="old"))])
     dataset.append(stage.name, [row("a", "kept", replace(version, inputs_hash="simulation 2"))])
-    CurrentEvidence().prune(tmp_path)
+    CurrentEvidence(tmp_path).prune()
     assert len(dataset.rows(stage.name)) == 6
-    current = CurrentEvidence()
-    current.add(tmp_path, stage, found)
-    current.prune(tmp_path)
+    current = CurrentEvidence(tmp_path)
+    current.of(stage, found)
+    current.prune()
     left = [(x["recording"], x["finding"]) for x in dataset.rows(stage.name)]
     assert sorted(left) == [("a", "current"), ("a", "kept"), ("b", "current"), ("c", "kept")]
 
@@ -211,9 +218,13 @@ def test_only_results_of_the_stage_are_combined(tmp_path: Path) -> None:
             row("good again", "that of good"),
         ],
     )
-    rows, failed = evidence_of(tmp_path, stage, found)
+    rows, failed = CurrentEvidence(tmp_path).of(stage, found)
     assert [each["recording"] for each in rows] == ["changed", "good"]
-    assert failed == {"bad": "too short", "good again": "has the content of good"}
+    assert failed == {
+        "bad": "too short",
+        "good again": "has the content of good",
+        **dict.fromkeys(("stale", "other", "renamed"), "has no evidence"),
+    }
 
 
 def test_unusable_input_is_one_line(tmp_path: Path) -> None:

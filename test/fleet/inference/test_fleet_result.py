@@ -73,3 +73,5 @@ def test_sizes_of_scale_models_are_in_thresholds_of_their_size() -> None:
     (value,) = estimate.values_of(fleet.names[0]).values()
     assert value == pytest.approx(claim.size)
     assert value < 0.1 * column_of(DRAG).materiality
+    (rounded,) = estimate.point_of(fleet.names[0]).values()
+    assert rounded == pytest.approx(value, abs=0.1 * 0.03 * 0.01)

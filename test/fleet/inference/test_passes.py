@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from adk_ros.fleet.inference.analysis import MAX_PASSES, analyse_fleet
+from adk_ros.fleet.inference.analysis import MAX_PASSES, _linearised_at, analyse_fleet
 from adk_ros.fleet.inference.evidence import RECORDING, SCHEMA, SIMULATION, Evidence, Row, packed
 from adk_ros.fleet.inference.fleet_estimate import FleetEstimate
 from adk_ros.fleet.inference.fleet_evidence import FleetEvidence, RecordingTags
@@ -19,6 +19,7 @@ from adk_ros.fleet.inference.levels import SHARED, Level
 from adk_ros.fleet.inference.linearisation_point import has_moved, rounded_size, rounded_value
 from adk_ros.fleet.inference.numerical_fleet import FleetPlan, Injection, draw_fleet
 from adk_ros.fleet.inference.place_evidence import Cell
+from adk_ros.fleet.inference.places import Place
 
 
 @pytest.mark.parametrize(
@@ -55,11 +56,24 @@ def test_rounding_is_much_finer_than_what_matters(size: float) -> None:
 def test_a_rounded_value_stays_within_the_bounds_of_its_parameter() -> None:
     from adk_ros.fleet.inference.evidence import column_of
 
-    p = column_of("steering_delay.delay").parameter
+    delay, drag = column_of("steering_delay.delay"), column_of("aero_drag.cda")
+    p = delay.parameter
     high = p.bounds()[1] - p.theta_neutral
-    assert rounded_value("steering_delay.delay", high) == high
-    unit = column_of("aero_drag.cda").materiality
-    assert rounded_value("aero_drag.cda", 3.04 * unit) == pytest.approx(3.0 * unit)
+    assert rounded_value(delay, high) == high
+    unit = drag.materiality
+    assert rounded_value(drag, 3.04 * unit) == pytest.approx(3.0 * unit)
+
+
+def test_places_that_have_not_moved_keep_the_size_of_their_recordings() -> None:
+    other, new = Cell(9, 9, 0), Cell(1, 1, 0)
+    before = (a_place(3.0, other), a_place(2.0, PLACE))
+    after = (a_place(3.28, other), a_place(5.03, PLACE), a_place(1.07, new))
+    sizes = [place.size for place in _linearised_at(before, after)]
+    assert sizes == pytest.approx([3.0, 5.0, 1.0])
+
+
+def a_place(size: float, cell: Cell) -> Place:
+    return Place("road_grade.grade", (cell,), size, 0.1, 20.0, 1e-6, (0, 1))
 
 
 def test_the_first_step_is_limited() -> None:
