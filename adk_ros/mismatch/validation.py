@@ -72,8 +72,17 @@ class Validation:
 
     @property
     def described(self) -> FloatArray:
-        """The RMSE (horizons, 3) with all that was fitted, whether it is exported or rejected."""
-        return self.errors.after if self.rejected is None else self.rejected
+        """
+        The RMSE (horizons, 3) with what was fitted, as far as it describes the recording.
+
+        A rejected correction describes a state that it explains at every horizon; what raises one
+        error and leaves another unexplained describes nothing.
+        """
+        if self.rejected is None:
+            return self.errors.after
+        with np.errstate(invalid="ignore"):
+            left = (self.errors.ratio_of(self.rejected) > 1.0).any(axis=0)
+        return np.where(left, self.errors.after, self.rejected)
 
     @property
     def error_ratio(self) -> float:

@@ -32,9 +32,9 @@ def is_refuted(decision: Decision, validation: Validation) -> bool:
     """
     Whether held-out errors refute what a verdict of an unknown cause claims.
 
-    They do where no state's error falls by `MIN_REMOVED_SHARE` of what could be removed, also by a
-    correction that is not exported since it raises another one. Faults of sensors and terms with a
-    phase of their own recording are not corrected, and not refuted.
+    They do where no state's error falls by `MIN_REMOVED_SHARE` of what could be removed, with the
+    correction that is exported, or with one that is rejected and explains a state in full. Faults
+    of sensors and terms with a phase of their own recording are not corrected, and not refuted.
     """
     effects = decision.hypothesis.effects
     corrected = all(

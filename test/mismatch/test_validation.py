@@ -215,12 +215,19 @@ def test_what_leaves_most_of_the_error_is_refuted() -> None:
     assert not is_refuted(unknown, Validation(errors(0.02, 0.02), FULL, ""))
     # A correction that raises another error is not exported, and still describes this one.
     kept = Validation(errors(0.7, 0.7), NOT_EXPORTED, "", raised=("v_y",))
-    assert not is_refuted(unknown, replace(kept, rejected=table(0.1)))
-    assert is_refuted(unknown, replace(kept, rejected=table(0.6)))
+    raising = table(0.8)
+    raising[:, 0] = 0.03
+    assert not is_refuted(unknown, replace(kept, rejected=raising))
+    # It must explain that error in full, at every horizon.
+    assert is_refuted(unknown, replace(kept, rejected=table(0.1)))
+    raising[1, 0] = 0.1
+    assert is_refuted(unknown, replace(kept, rejected=raising))
     # A horizon that no prediction reaches says nothing.
     partly = table(0.6)
     partly[-1] = np.nan
     assert is_refuted(unknown, replace(kept, rejected=partly))
+    short = errors(0.7, 0.6)
+    assert is_refuted(unknown, Validation(replace(short, after=partly), FULL, ""))
     explained = replace(unknown, verdict=EXPLAINED)
     assert not is_refuted(explained, Validation(errors(0.7, 0.6), FULL, ""))
     of_sensor = replace(unknown, hypothesis=hypothesis(effect("gyro_scale", 1.1)))

@@ -181,11 +181,15 @@ class HeldOutErrors:
 
         No effect's equation is exact: a share of the error before the correction may remain.
         """
+        return self.ratio_of(self.corrected)
+
+    def ratio_of(self, errors: FloatArray) -> FloatArray:
+        """Return the same of other errors (horizons, 3)."""
         allowed = np.hypot(
             MAX_EXPLAINED_RATIO * self.expected, INEXACT_EQUATION_SHARE * self.before
         )
         with np.errstate(invalid="ignore"):
-            return np.asarray(self.corrected / allowed)
+            return np.asarray(errors / allowed)
 
     def unexplained_states(self) -> list[str]:
         """Return the states whose error the model does not explain, the largest ratio first."""
