@@ -164,14 +164,8 @@ class FleetDataset:
         return self._arrow.concat_tables([empty, *tables])
 
     def drop(self, stage: str, keys: Collection[str]) -> None:
-        """Remove the rows of some keys, file by file; raises as `append`."""
-        for path in _parts(self.folder(stage)):
-            rows = self._read(path, list(RESULT))
-            kept = [row for row in rows if row["key"] not in keys]
-            if not kept:
-                self._remove(path)
-            elif len(kept) < len(rows):
-                self._write(path.parent, RESULT, kept, path.name)
+        """Remove the rows of some keys; raises as `append`."""
+        self.prune(stage, lambda row: row["key"] not in keys)
 
     def prune(self, stage: str, is_kept: Callable[[Mapping[str, str]], bool]) -> None:
         """
