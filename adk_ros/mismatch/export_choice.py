@@ -43,16 +43,15 @@ class Correction:
     A model on the held-out data: the `part` of the hypothesis in it, `text` of its file.
 
     `errors` (n, horizons, 3); `raised`: the states whose error the full correction raised;
-    `refused`: the file of the full correction, where no part is exported, `refused_errors` (n,
-    horizons, 3) its errors, and `contradicted`: the states whose error it raised beyond chance.
+    `refused`: the full correction, where no part is exported, and `contradicted`: the states whose
+    error it raised beyond chance.
     """
 
     part: str
     text: str
     errors: FloatArray
     raised: tuple[str, ...] = ()
-    refused: str | None = None
-    refused_errors: FloatArray | None = None
+    refused: Correction | None = None
     contradicted: tuple[str, ...] = ()
 
 
@@ -90,8 +89,7 @@ def choose_correction(
     return replace(
         simulation,
         raised=raised,
-        refused=trials[0].text,
-        refused_errors=trials[0].errors,
+        refused=trials[0],
         contradicted=tuple(beyond_chance),
     )
 

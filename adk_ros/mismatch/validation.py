@@ -121,21 +121,18 @@ def validate_on_held_out(
     chosen = choose_correction(simulation, hypothesis, evaluate, expected, not_judged)
     before, after, text = rmse(simulation.errors), rmse(chosen.errors), chosen.text
     # What is identified may explain an error, though its correction raises another by chance.
-    judged = chosen.refused or text
+    judged = chosen.refused or chosen
     clean = [_judged(surrogate, x, effects) for x in held_out]
-    unchanged = chosen.refused is None and all(
-        a is b for a, b in zip(clean, held_out, strict=True)
-    )
-    corrected = after if unchanged else rmse(horizon_errors(_parsed(judged), clean))
+    fitted = rmse(judged.errors)
+    unchanged = all(a is b for a, b in zip(clean, held_out, strict=True))
+    corrected = fitted.copy() if unchanged else rmse(horizon_errors(_parsed(judged.text), clean))
     hidden = [STATE_NAMES.index(name) for name in not_judged]
     faulty = [STATE_NAMES.index(name) for name in unjudged_states(effects)]
-    rejected = None if chosen.refused_errors is None else rmse(chosen.refused_errors)
-    for values in (before, after, corrected, *(() if rejected is None else (rejected,))):
+    for values in (before, after, fitted, corrected):
         values[:, hidden] = np.nan
-    corrected = corrected.copy()
     corrected[:, faulty] = np.nan
     # Of the model that is judged: on the limit of the tyres, tolerances matter more.
-    expected = np.hypot(expected, tolerance_error(_parsed(judged), clean))
+    expected = np.hypot(expected, tolerance_error(_parsed(judged.text), clean))
     return Validation(
         HeldOutErrors(
             before,
@@ -149,7 +146,7 @@ def validate_on_held_out(
         text,
         chosen.raised,
         chosen.contradicted,
-        rejected,
+        None if chosen.refused is None else fitted,
     )
 
 
