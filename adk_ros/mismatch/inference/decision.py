@@ -79,7 +79,11 @@ def decide(likelihood: Likelihood, path: SelectionPath) -> Decision:
         best = unmodelled.hypothesis
     elif not best.effects:
         return Decision(NONE, [], None, best, None)
-    final = _fit_final(likelihood, best.effects, best)
+    starts = [best]
+    if formula is not None and formula.terms and formula is not unmodelled:
+        formula = _refitted(likelihood, formula)
+        starts.append(formula.hypothesis)
+    final = _fit_final(likelihood, best.effects, *starts)
     final, identifiability = _resolve_competitors(
         likelihood, _canonicalised(likelihood, final), path.examined
     )
@@ -94,6 +98,8 @@ def decide(likelihood: Likelihood, path: SelectionPath) -> Decision:
     if not final.effects:
         return Decision(NONE, [], None, final, None)
     deviations = effect_deviations(likelihood, final)
+    if formula is not None and len(starts) > 1:
+        formula = _refitted(likelihood, formula, final)
     evidence_of = _evidence(likelihood, formula, final, path.levels[0][0].loss - final.loss)
     effects = [
         _identified(
@@ -164,9 +170,27 @@ def _contains(formula: UnmodelledDynamics, h: Hypothesis) -> bool:
 
 
 def _fit_final(
-    likelihood: Likelihood, effects: Sequence[ActiveEffect], start: Hypothesis
+    likelihood: Likelihood, effects: Sequence[ActiveEffect], *starts: Hypothesis
 ) -> Hypothesis:
-    return likelihood.fit(effects, nuisances=start.nuisances, budget=FINAL, fit_activation=True)
+    """
+    Return the best final fit of `effects` from the nuisance parameters of each start.
+
+    Along weak directions the loss has several minima. Effects and a formula are compared where
+    both were fitted from the values of either.
+    """
+    fits = [
+        likelihood.fit(effects, nuisances=start.nuisances, budget=FINAL, fit_activation=True)
+        for start in starts
+    ]
+    return min(fits, key=lambda h: h.loss)
+
+
+def _refitted(
+    likelihood: Likelihood, formula: UnmodelledDynamics, *starts: Hypothesis
+) -> UnmodelledDynamics:
+    """Return a formula finally fitted, from its values and from each start."""
+    h = formula.hypothesis
+    return formula.refitted(_fit_final(likelihood, h.effects, h, *starts))
 
 
 def _resolve_competitors(
