@@ -286,6 +286,7 @@ def held_out_result(validation: Validation, evidence: Sequence[Evidence]) -> Hel
         validation.export,
         validation.raised,
         errors.tolerances_fitted,
+        None if validation.rejected is None else by_state(validation.rejected),
     )
 
 

@@ -142,7 +142,8 @@ class HeldOutResult:
     what noise, build tolerances and the surrogate's own error explain (`expected`). `explained`:
     whether no error is larger than the model can explain; `ratio`: error over the largest that it
     can explain. `export`: which correction is exported; `raised`: states whose error a larger one
-    raised. `tolerances_fitted`: the ratios are those of the simulation with the build tolerances
+    raised; `rejected`: the RMSE with the full correction where none is exported, if there was one.
+    `tolerances_fitted`: the ratios are those of the simulation with the build tolerances
     that the training part shows, and `expected` is without tolerances.
     """
 
@@ -158,6 +159,7 @@ class HeldOutResult:
     export: str
     raised: tuple[str, ...] = ()
     tolerances_fitted: bool = False
+    rejected: dict[str, list[float]] | None = None
 
 
 @dataclass(frozen=True)

@@ -4,15 +4,17 @@
 Labels of what a page compares: the simulation, and the simulation with what was identified.
 
 Residuals are those of the surrogate model with the identified effects, sensor faults included.
-Open-loop predictions are those of the corrected vehicle model, which has no sensor faults.
+Open-loop predictions are those of the corrected vehicle model, which has no sensor faults; where
+no correction is exported, it is the simulation.
 """
 
 from __future__ import annotations
 
-from adk_ros.mismatch.inference.result import NONE, MismatchResult
+from adk_ros.mismatch.inference.result import NONE, NOT_EXPORTED, MismatchResult
 
 SIMULATION = "simulation"
 _WITHIN_TOLERANCE = "within build tolerance"
+_NOT_CORRECTED = "not corrected"
 
 
 def residual_labels(result: MismatchResult) -> tuple[str, str]:
@@ -31,4 +33,15 @@ def trend_labels(result: MismatchResult) -> tuple[str, str]:
 
 def model_labels(result: MismatchResult) -> tuple[str, str]:
     """Return the labels of the open-loop predictions: of the simulation, and as corrected."""
-    return SIMULATION, _WITHIN_TOLERANCE if result.verdict == NONE else "corrected vehicle model"
+    if result.verdict == NONE:
+        return SIMULATION, _WITHIN_TOLERANCE
+    return SIMULATION, "corrected vehicle model" if _is_exported(result) else _NOT_CORRECTED
+
+
+def characteristic_labels(result: MismatchResult) -> tuple[str, str]:
+    """Return the labels of understeer and resistance: of the simulation, and as fitted."""
+    return model_labels(result) if _is_exported(result) else residual_labels(result)
+
+
+def _is_exported(result: MismatchResult) -> bool:
+    return result.held_out is None or result.held_out.export != NOT_EXPORTED

@@ -13,7 +13,7 @@ from adk_ros.mismatch.deployment.predicted_signals import AHEAD_S, AVERAGED_S, S
 from adk_ros.mismatch.inference.result import MismatchResult
 from adk_ros.mismatch.report.asked_text import HEADER as ASKED_HEADER
 from adk_ros.mismatch.report.asked_text import answer_of
-from adk_ros.mismatch.report.comparison_labels import model_labels
+from adk_ros.mismatch.report.comparison_labels import characteristic_labels, model_labels
 from adk_ros.mismatch.report.signal_figure import fit_rows, shown_until, signals_figure
 from adk_ros.mismatch.report.steady_state_figures import HEADER as STEADY_STATE_HEADER
 from adk_ros.mismatch.report.steady_state_figures import (
@@ -50,7 +50,7 @@ def _signals(result: MismatchResult, out: Path) -> dict[str, Any] | None:
         "figure": embed(
             out / SIGNALS,
             f"Measured signals over time, and their open-loop predictions {AHEAD_S:g} s ahead by "
-            "simulation and corrected vehicle model, each with its residual",
+            f"{labels[0]} and {labels[1]}, each with its residual",
         ),
         "rows": fit_rows(signals),
         "header": [f"fit of predictions {AHEAD_S:g} s ahead", *labels, "limit by sensor noise"],
@@ -66,7 +66,7 @@ def _steady_state(result: MismatchResult, out: Path) -> list[dict[str, Any]]:
     shown, parts = result.steady_state, []
     if shown is None:
         return []
-    labels = model_labels(result)
+    labels = characteristic_labels(result)
     for name, characteristic, draw, rows, file in (
         ("understeer", shown.understeer, understeer_figure, understeer_rows, UNDERSTEER),
         (
@@ -83,7 +83,7 @@ def _steady_state(result: MismatchResult, out: Path) -> list[dict[str, Any]]:
         parts.append(
             {
                 "name": name,
-                "figure": _figure(out / file, name),
+                "figure": _figure(out / file, name, labels),
                 "seconds": f"{characteristic.seconds:.0f}",
                 "rows": rows(characteristic),
             }
@@ -91,10 +91,10 @@ def _steady_state(result: MismatchResult, out: Path) -> list[dict[str, Any]]:
     return parts
 
 
-def _figure(path: Path, name: str) -> Figure:
+def _figure(path: Path, name: str, labels: tuple[str, str]) -> Figure:
     against = {"understeer": "lateral acceleration", "resistance": "speed"}[name]
     return embed(
         path,
-        f"{name.capitalize()} against {against}: measured points, and the curves of simulation "
-        "and corrected vehicle model with tolerance bands",
+        f"{name.capitalize()} against {against}: measured points, and the curves of {labels[0]} "
+        f"and {labels[1]} with tolerance bands",
     )

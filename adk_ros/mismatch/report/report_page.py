@@ -119,8 +119,8 @@ def write_page(result: MismatchResult, out: Path, *, provenance: Provenance | No
     ]
     errors = _figure(
         out / "errors.png",
-        f"Errors {result.horizon_s:g} s ahead on held-out data: simulation and corrected vehicle "
-        "model",
+        f"Errors {result.horizon_s:g} s ahead on held-out data: "
+        f"{' and '.join(model_labels(result))}",
         partial(errors_figure, result),
     )
     residuals = _figure(

@@ -226,6 +226,8 @@ def _held_out(errors: HeldOutResult) -> dict[str, Any]:
         "expected": errors.expected,
         "ratio": errors.ratio,
     }
+    if errors.rejected is not None:
+        tables["rejected"] = errors.rejected
     return {
         "data": errors.source,
         "starts": errors.starts,

@@ -6,6 +6,8 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from adk_ros.mismatch.inference.confidence import UNLISTED
 from adk_ros.mismatch.inference.feature_effect import EQUATION_TEXTS
 from adk_ros.mismatch.inference.final_estimate import PROBABLE
@@ -16,6 +18,7 @@ from adk_ros.mismatch.inference.result import (
     NOT_EXPORTED,
     NOT_JUDGED,
     UNKNOWN,
+    HeldOutResult,
     MismatchResult,
     UnexplainedResidual,
 )
@@ -52,11 +55,7 @@ def improvement_text(result: MismatchResult) -> str:
         return "No prediction error could be measured: the held-out data have no motion."
     held_out = result.held_out
     if held_out is not None and held_out.export == NOT_EXPORTED and held_out.raised:
-        raised = listed([STATES[name][0] for name in held_out.raised])
-        return (
-            f"No corrected vehicle model is exported: it would raise the {raised} error on "
-            "held-out data."
-        )
+        return f"No corrected vehicle model is exported: {_rejection_text(held_out)}."
     name = most_improved_state(result)
     state, unit = STATES.get(name, (name, ""))
     before, after = result.before[name], result.after[name]
@@ -78,6 +77,34 @@ def improvement_text(result: MismatchResult) -> str:
             f"stays at {before:.2g} {unit}."
         )
     return f"The corrected vehicle model does not reduce {error} from {before:.2g} {unit}."
+
+
+def _rejection_text(held_out: HeldOutResult) -> str:
+    """Return what the refused correction would lower and raise on held-out data."""
+    rejected = held_out.rejected or held_out.after
+    ratios = {
+        name: np.array(rejected[name]) / np.maximum(held_out.before[name], 1e-9)
+        for name in STATES
+        if np.isfinite(rejected[name]).all()
+    }
+    if any(name not in ratios or ratios[name].max() <= 1.0 for name in held_out.raised):
+        raised = listed([STATES[name][0] for name in held_out.raised])
+        return f"it would raise the {raised} error on held-out data"
+
+    def change(name: str, i: int) -> str:
+        first, second = pair_text(held_out.before[name][i], rejected[name][i])
+        ahead = f"{held_out.horizons_s[i]:g} s ahead"
+        return (
+            f"the RMS {STATES[name][0]} error {ahead} from {first} to {second} {STATES[name][1]}"
+        )
+
+    raised = listed([change(name, int(ratios[name].argmax())) for name in held_out.raised])
+    lowered = {name: x for name, x in ratios.items() if name not in held_out.raised}
+    best = min(lowered, key=lambda name: lowered[name].min(), default="")
+    if not best or lowered[best].min() >= MAX_IMPROVED_RATIO:
+        return f"on held-out data it would raise {raised}"
+    lower = change(best, int(lowered[best].argmin()))
+    return f"on held-out data it would lower {lower}, and raise {raised}"
 
 
 def has_only_sensor_faults(result: MismatchResult) -> bool:

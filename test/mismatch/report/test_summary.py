@@ -22,11 +22,13 @@ from adk_ros.mismatch.inference.result import (
     HeldOutResult,
     IdentifiedEffect,
     Interval,
+    MismatchResult,
     MissingChannel,
     UnexplainedResidual,
 )
 from adk_ros.mismatch.library.catalogue import EFFECTS
 from adk_ros.mismatch.library.effect import PLACE
+from adk_ros.mismatch.report.comparison_labels import characteristic_labels, model_labels
 from adk_ros.mismatch.report.effect_text import activation_text, interval_text, number
 from adk_ros.mismatch.report.effect_vocabulary import EFFECT_VOCABULARY
 from adk_ros.mismatch.report.quantities import Quantity
@@ -163,6 +165,43 @@ def test_tolerances_that_explain_the_held_out_part_are_said() -> None:
         "explain the held-out part (RMS speed error 0.1"
     )
     assert as_dict(fitted)["fit"]["tolerances_fitted"] is True
+
+
+def refused(
+    rejected: dict[str, list[float]] | None, raised: tuple[str, ...] = ("yaw_rate",)
+) -> MismatchResult:
+    """Return a result whose correction is not exported; `rejected`: the errors with it."""
+    before = {"v_x": [0.1, 0.40], "v_y": [0.01, 0.02], "yaw_rate": [0.0017, 0.0019]}
+    held_out = HeldOutResult(
+        "the last quarter", (0.25, 1.0), before, before, before, before, before, 50, True,
+        NOT_EXPORTED, raised, rejected=rejected,
+    )  # fmt: skip
+    return replace(drag(), held_out=held_out)
+
+
+def test_what_a_refused_correction_lowers_and_raises_is_said() -> None:
+    result = refused({"v_x": [0.02, 0.05], "v_y": [0.01, 0.02], "yaw_rate": [0.0027, 0.0020]})
+    assert (
+        "No corrected vehicle model is exported: on held-out data it would lower the RMS speed "
+        "error 1 s ahead from 0.400 to 0.050 m/s, and raise the RMS yaw rate error 0.25 s ahead "
+        "from 0.0017 to 0.0027 rad/s."
+    ) in sentence(result)
+    written = as_dict(result)["fit"]["horizons"]["0.25"]
+    assert written["rejected"]["yaw_rate"] == 0.0027
+    assert model_labels(result)[1] == "not corrected"
+    assert characteristic_labels(result)[1] == "with identified effects"
+
+
+def test_a_refused_correction_that_lowers_nothing_is_said() -> None:
+    result = refused({"v_x": [0.1, 0.40], "v_y": [0.01, 0.02], "yaw_rate": [0.0017, 0.0022]})
+    assert (
+        "exported: on held-out data it would raise the RMS yaw rate error 1 s ahead from 0.0019 "
+        "to 0.0022 rad/s."
+    ) in sentence(result)
+    # A part of it raised the error, not all of it.
+    of_a_part = refused({"v_x": [0.1, 0.40], "v_y": [0.01, 0.02], "yaw_rate": [0.0017, 0.0019]})
+    assert "it would raise the yaw rate error on held-out data." in sentence(of_a_part)
+    assert "it would raise the yaw rate error on held-out data." in sentence(refused(None))
 
 
 def test_an_underfitting_surrogate_makes_the_result_inconclusive() -> None:
