@@ -18,6 +18,7 @@ PEERS_PYTHON ?= python3.11
 
 BIN := $(VENV)/bin
 RUNTIME := $(VENV)/.runtime-installed
+IMPORT := $(VENV)/.import-installed
 FLEET := $(VENV)/.fleet-installed
 TESTING := $(VENV)/.testing-installed
 PACKAGE := setup.py setup.cfg pyproject.toml
@@ -55,13 +56,15 @@ export CHECK
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help install fleet demo test test-slow test-all fuzz lint docs bench peers colcon clean distclean
+.PHONY: help install import fleet demo test test-slow test-all fuzz lint docs bench peers colcon clean distclean
 
 help: ## Say what can be made
 	@echo "make TARGET [PYTHON=python3.11] [PIP_ARGS=...]"
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 
 install: $(RUNTIME) ## Make .venv with the `adk` command and all that it needs
+
+import: $(IMPORT) ## Add to .venv what `adk import` and `adk export` need: Parquet, MDF, CAN logs, units
 
 fleet: $(FLEET) ## Add to .venv what `adk fleet` needs: Dask, Parquet, object stores
 
@@ -87,7 +90,7 @@ lint: $(TESTING) ## Check style and types
 
 docs: $(TESTING) ## Generate the reference pages and build the site in site/, warnings as errors
 	@$(BIN)/python scripts/generate_docs.py
-	@NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict --quiet
+	@NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict
 
 identity: $(RUNTIME) ## Compare results with an earlier revision (IDENTITY_ARGS="8313453 --cases DIR")
 	@$(BIN)/python scripts/check_identity.py $(IDENTITY_ARGS)
@@ -129,6 +132,10 @@ $(RUNTIME): $(RUNTIME_PINS) $(PACKAGE) | $(BIN)/pip
 	$(PIP_INSTALL) -r requirements/runtime.txt
 	$(PIP_INSTALL) --no-deps --no-build-isolation --editable .
 	-@$(BIN)/adk compile
+	@touch $@
+
+$(IMPORT): requirements/import.txt requirements/constraints.txt $(RUNTIME)
+	$(PIP_INSTALL) -r requirements/import.txt
 	@touch $@
 
 $(FLEET): requirements/fleet.txt requirements/constraints.txt $(RUNTIME)

@@ -123,8 +123,10 @@ def propose_map(
 
     `.text` is the YAML text with the reason of each guess, `.uncertain` the lines to check.
 
-    :param files, dbc: as in `import_recording`.
-    :raises UsageError, DataError: a file is missing or cannot be read, or has no known channel.
+    :param files: as in `import_recording`.
+    :param dbc: as in `import_recording`.
+    :raises UsageError: a file is missing.
+    :raises DataError: a file cannot be read, or has no known channel.
     """
     from adk_ros.importing.proposal import propose
 

@@ -220,7 +220,9 @@ def recording_options(
     """
     Return the options that say how to read a recording.
 
-    :param imu, odometry, command: topic names; default: the only topic of the right type.
+    :param imu: name of the IMU's topic; default: the only one of its type.
+    :param odometry: the same of the odometry.
+    :param command: the same of the command.
     :param use_imu: False ignores the IMU.
     :param params: the node's parameter file, which describes the vehicle's sensors.
     :param stored_sensors: sensor configuration to use without `params`, as in a model's manifest.

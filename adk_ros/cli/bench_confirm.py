@@ -63,7 +63,7 @@ def confirm(
     Compare all predictors on drives that are drawn after the code is fixed.
 
     Roads, speeds, cars and noise come from the hash of the package's code, so that nothing can be
-    chosen on them: other code has other drives. Takes about an hour on two cores. Prints PASS or
+    chosen on them: other code has other drives. Takes 16 to 60 min on two cores. Prints PASS or
     FAIL for each criterion; the exit code is 0 even if one fails.
 
     Example: adk bench confirm --out confirmation_out

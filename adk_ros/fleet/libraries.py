@@ -15,4 +15,4 @@ def fleet_library(name: str) -> Any:
 
     :raises UsageError: it is not installed; the message says how to install it.
     """
-    return optional_library(name, "adk fleet", extra="fleet", target="fleet")
+    return optional_library(name, "adk fleet", extra="fleet")

@@ -17,14 +17,14 @@ from adk_ros.errors import UsageError
 
 
 def optional_library(
-    name: str, purpose: str, distribution: str = "", extra: str = "import", target: str = ""
+    name: str, purpose: str, distribution: str = "", extra: str = "import"
 ) -> Any:
     """
     Return the imported module `name`.
 
     :param purpose: what it is for, in the message.
-    :param extra: the optional dependencies of this package that include it.
-    :param target: the target of make that installs them in a checkout, "" for none.
+    :param extra: the optional dependencies of this package that include it; `make` has a target of
+        that name, which installs them in a checkout.
     :raises UsageError: it is not installed; the message says which, and how to install it.
     """
     try:
@@ -32,10 +32,9 @@ def optional_library(
     except ImportError as error:
         missing = (error.name or name).split(".")[0]
         library = distribution if distribution and missing == name.split(".")[0] else missing
-        checkout = f", in a checkout 'make {target}'" if target else ""
         raise UsageError(
             f"{purpose} needs {library}, which is not installed: pip install "
-            f"'adk_ros[{extra}]'{checkout}"
+            f"'adk_ros[{extra}]', in a checkout 'make {extra}'"
         ) from None
 
 
