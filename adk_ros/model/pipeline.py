@@ -94,6 +94,8 @@ class Pipeline:
         self._received = [0] * len(Source)
         self.ticks = 0
         self.restarts = 0
+        self.flagged: Counter[int] = Counter()
+        """Samples by their flags, of those that have any."""
         self.last_sample: Sample | None = None
         self.last_prediction: Prediction | None = None
 
@@ -165,6 +167,8 @@ class Pipeline:
     def _predict(self, samples: Iterable[Sample]) -> Iterator[Prediction]:
         for sample in samples:
             self.ticks += 1
+            if sample.flags:
+                self.flagged[int(sample.flags)] += 1
             if sample.flags & _RESTART:
                 self.restarts += 1
                 self.decoder.reset()

@@ -20,6 +20,10 @@ from adk_ros.numerics.arrays import FloatArray
 from adk_ros.signals.channels import TICK_NS
 
 _TICK_S = TICK_NS * 1e-9
+_MIN_VARIANCE = 1e-30
+"""SI units squared; only a guard against a division by zero."""
+_REGULARIZATION = 1e-9
+"""Added to the scaled variances: far above the rounding of a singular matrix."""
 
 
 def moved_pose(pose: FloatArray, velocity: FloatArray, duration_s: float) -> FloatArray:
@@ -47,13 +51,25 @@ def pose_horizon(pose: FloatArray, present: FloatArray, horizon: FloatArray) -> 
     return np.column_stack([x, y, heading])
 
 
+def _root(covariance: FloatArray) -> FloatArray:
+    """
+    Return lower triangular L (h, 3, 3) with L L^T = `covariance` to `_REGULARIZATION`.
+
+    A channel without error, or errors that depend on each other exactly, leave it singular.
+    """
+    variances = np.diagonal(covariance, axis1=1, axis2=2)
+    scale = np.sqrt(np.maximum(variances, _MIN_VARIANCE))
+    scaled = covariance / (scale[:, :, None] * scale[:, None, :])
+    return np.asarray(scale[:, :, None] * np.linalg.cholesky(scaled + _REGULARIZATION * np.eye(3)))
+
+
 def pose_covariance(poses: FloatArray, horizon: FloatArray, covariance: FloatArray) -> FloatArray:
     """
     Return the covariance (h, 3, 3) of x, y and heading at the steps, SI, from an exact start.
 
     `poses` (h, 3) of `pose_horizon`, `horizon` (h, 3) velocities, `covariance` (h, 3, 3) of them.
     """
-    root = np.linalg.cholesky(covariance)
+    root = _root(covariance)
     cos, sin = np.cos(poses[:, 2, None]), np.sin(poses[:, 2, None])
     v_x, v_y = horizon[:, 0, None], horizon[:, 1, None]
     heading = _TICK_S * np.cumsum(root[:, 2], axis=0)

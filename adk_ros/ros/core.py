@@ -97,7 +97,8 @@ class Core:
         self._run(begin_ns, self.pipeline.each, source, msg)
         stamp_ns = self.pipeline.decoder.latest_ns
         if stamp_ns is not None:
-            self.stamps.see(source, stamp_ns, begin_ns)
+            # Compared as they are used: a delay that is known is corrected.
+            self.stamps.see(source, stamp_ns - self.sensors.delays_ns[source], begin_ns)
         if self._unchecked[source]:
             self._unchecked[source] = False
             with self.guarded():
@@ -151,7 +152,10 @@ class Core:
             return
         # In the time of the stamps: the delay of the arrivals, in the clock that `now_ns` is of.
         delay_ns = (self.stamps.least_delay_ns(begin_ns) or 0) + now_ns - begin_ns
-        transit_ns = _MAX_TRANSIT_NS + min(max(delay_ns, 0), _MAX_DELAY_NS)
+        if delay_ns > _MAX_DELAY_NS:
+            # Another clock: it says nothing on how far the vehicle has got.
+            return
+        transit_ns = _MAX_TRANSIT_NS + max(delay_ns, 0)
         self._run(begin_ns, self.pipeline.each_until, now_ns - transit_ns)
 
     def outdated(self) -> str:
@@ -208,9 +212,6 @@ class Core:
             counters.last_published_s = begin_ns * 1e-9
         if pipeline.ticks == ticks:
             return
-        sample = pipeline.last_sample
-        if sample is not None and sample.flags:
-            counters.flagged[int(sample.flags)] += pipeline.ticks - ticks
         end_ns = self._clock()
         counters.note_tick((end_ns - begin_ns) * 1e-3)
         if end_ns - begin_ns > TICK_NS:

@@ -22,7 +22,7 @@ class Counters:
     """
     Counters of the node. They only grow; diagnostics report differences.
 
-    `flagged` counts samples by their flags, `last_received_s` is the monotonic time of the last
+    `last_received_s` is the monotonic time of the last
     message of each source (s, None: none yet), `last_published_s` that of the last prediction,
     `tick_us` the latest processing times of a sample in µs, from message in to messages out.
     """
@@ -35,7 +35,6 @@ class Counters:
         self.published = 0
         self.last_published_s: float | None = None
         self.resets = 0
-        self.flagged: Counter[int] = Counter()
         self.last_received_s: list[float | None] = [None for _ in Source]
         self.tick_us: deque[float] = deque(maxlen=_MAX_TICK_TIMES)
         self.tick_max_us = 0.0
@@ -96,7 +95,7 @@ def snapshot(pipeline: Pipeline, counters: Counters, now_s: float) -> CounterSna
         noise_changes=Counter(pipeline.gate.noise_changes),
         aligned=Counter(pipeline.aligner.counts),
         aligned_by_source=Counter(pipeline.aligner.counts_by_source),
-        flagged=Counter(counters.flagged),
+        flagged=Counter(pipeline.flagged),
         failures=pipeline.predictor.online.failures,
         missed=counters.missed_deadlines,
         errors=counters.internal_errors,

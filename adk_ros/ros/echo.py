@@ -8,10 +8,12 @@ Printed lines are in km/h and deg/s; JSON lines are in SI units.
 
 from __future__ import annotations
 
+import itertools
 import json
 import math
 import sys
 import time
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple, TextIO
@@ -37,6 +39,8 @@ _LATE_DISCOVERY_S = 4.0
 """s in which a second predictor may still be found; DDS discovery takes up to 3 s."""
 _KMH = 3.6
 _DEG = 180.0 / math.pi
+_MOST_RETURNED = 1000
+"""Printed predictions that are returned: it may print for days."""
 _LINES_PER_HEADER = 25
 """Lines after which the header is printed again: about a terminal page."""
 
@@ -265,7 +269,7 @@ def echo(
     out: TextIO | None = None,
 ) -> PredictionLog:
     """
-    Print every `every`-th prediction as a line; return all received predictions.
+    Print every `every`-th prediction as a line; return the latest printed ones.
 
     :param count: number of lines after which to end.
     :param as_json: print JSON lines in SI units.
@@ -275,19 +279,20 @@ def echo(
     if every < 1 or (count is not None and count < 1):
         raise UsageError("--every and --count must be 1 or more")
     stream = out or sys.stdout
-    recording = PredictionLog(topic or "")
+    printed: deque[ReceivedPrediction] = deque(maxlen=_MOST_RETURNED)
+    numbers = itertools.count()
 
     def show(prediction: ReceivedPrediction) -> None:
-        number = len(recording.received)
-        recording.received.append(prediction)
+        number = next(numbers)
         if number % every:
             return
+        printed.append(prediction)
         if not as_json and number % (_LINES_PER_HEADER * every) == 0:
             print(header(), file=stream)
         print(json_line(prediction) if as_json else line(prediction), file=stream, flush=True)
 
     messages = None if count is None else (count - 1) * every + 1
-    recording.topic = listen(
+    name = listen(
         show,
         topic,
         predictor=predictor,
@@ -297,7 +302,7 @@ def echo(
         wait_s=wait_s,
         until=until,
     )
-    return recording
+    return PredictionLog(name, list(printed))
 
 
 def header() -> str:

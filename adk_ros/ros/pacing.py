@@ -34,10 +34,15 @@ Item = TypeVar("Item", bound=Timed)
 
 
 class ReadAhead(Generic[Item]):
-    """Context manager that iterates over `items`, which a thread reads ahead."""
+    """
+    Context manager that iterates over `items`, which a thread reads ahead.
 
-    def __init__(self, items: Iterator[Item]) -> None:
+    `stopped`: ends the iteration also while no item is ready; `items` must end by it as well.
+    """
+
+    def __init__(self, items: Iterator[Item], stopped: Callable[[], bool] = lambda: False) -> None:
         self._items = items
+        self._stopped = stopped
         self._queue: queue.Queue[Item | Exception | None] = queue.Queue(_QUEUE_SIZE)
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._read, name="read ahead", daemon=True)
@@ -67,7 +72,12 @@ class ReadAhead(Generic[Item]):
 
     def __iter__(self) -> Iterator[Item]:
         while True:
-            item = self._queue.get()
+            try:
+                item = self._queue.get(timeout=_MAX_SLEEP_S)
+            except queue.Empty:
+                if self._stopped():
+                    return
+                continue
             if item is None:
                 return
             if isinstance(item, Exception):

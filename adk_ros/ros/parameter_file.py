@@ -8,7 +8,7 @@ Keys given twice are allowed, as in ROS: the last one counts.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -24,8 +24,11 @@ def read_parameter_file(path: Path) -> tuple[dict[str, Any], list[str]]:
     """
     Return the values in a ROS parameter file (`NODE: ros__parameters: ...`), defaults elsewhere.
 
-    Also returns one warning per unknown parameter. Later blocks of the file override earlier ones.
-    :raises UsageError: it is not readable, holds no parameters, or a value does not fit.
+    Also returns one warning per unknown parameter. The block is that of a node whose name ends in
+    `predictor`, or the only one in the file; one of a wildcard (`/**`) counts for all nodes. Later
+    blocks of the file override earlier ones.
+    :raises UsageError: it is not readable, holds no parameters or those of several such nodes, or
+        a value does not fit.
     """
     values = defaults()
     specs = {spec.name: spec for spec in TABLE}
@@ -63,10 +66,31 @@ def _file_content(path: Path) -> dict[str, Any]:
     except (yaml.YAMLError, ValueError, RecursionError) as error:
         # ValueError: no UTF-8, or a date or number that does not exist.
         raise UsageError(f"{path} is not YAML: {first_line(error)}") from None
+    blocks = list(_blocks(content))
+    nodes = list(dict.fromkeys(name for name, _ in blocks if not name.endswith("*")))
+    named = [name for name in nodes if name.endswith("predictor")]
+    if not named and all(name in nodes for name, _ in blocks):
+        named = nodes
+    if len(named) > 1:
+        raise UsageError(
+            f"{path} holds parameters of several nodes ({', '.join(named)}): give a file with "
+            "those of one predictor"
+        )
     found: dict[str, Any] = {}
-    for block in content.values() if isinstance(content, dict) else ():
-        if isinstance(block, dict) and isinstance(block.get("ros__parameters"), dict):
-            found |= {str(name): value for name, value in block["ros__parameters"].items()}
+    for name, block in blocks:
+        if name in named or name.endswith("*"):
+            found |= {str(key): value for key, value in block.items()}
     if not found:
         raise UsageError(f"{path} holds no 'ros__parameters': see config/predictor.yaml")
     return found
+
+
+def _blocks(content: Any, node: str = "") -> Iterator[tuple[str, dict[Any, Any]]]:
+    """Yield the name of each node, with its namespaces, and its parameters."""
+    if not isinstance(content, dict):
+        return
+    for key, value in content.items():
+        if key == "ros__parameters" and isinstance(value, dict):
+            yield node, value
+        elif key != "ros__parameters":
+            yield from _blocks(value, f"{node}/{key}" if node else str(key))

@@ -65,7 +65,11 @@ TABLE: tuple[ParameterSpec, ...] = (
         "horizon_s", 2.0, "Length of the predicted horizon, s; 0: no horizon.", 0.0, 10.0
     ),
     ParameterSpec(
-        "publish_horizon", True, "Publish ~/predicted_horizon and its covariance.", live=True
+        "publish_horizon",
+        True,
+        "Publish ~/predicted_horizon and ~/predicted_path with their covariances, "
+        "~/predicted_horizon_plan and ~/local_linear_model.",
+        live=True,
     ),
     ParameterSpec(
         "frame_id",
@@ -166,9 +170,10 @@ TABLE: tuple[ParameterSpec, ...] = (
     ParameterSpec(
         "odometry_timeout_s",
         0.5,
-        "Age beyond which odometry no longer gives a state, s.",
+        "Age beyond which odometry no longer gives a state, s; until then the IMU is "
+        "integrated from it.",
         0.0,
-        60.0,
+        2.0,
     ),
     ParameterSpec(
         "frozen_after_s",
@@ -182,7 +187,7 @@ TABLE: tuple[ParameterSpec, ...] = (
     ParameterSpec(
         "max_coast_s",
         1.0,
-        "How long to keep predicting without odometry, s.",
+        "How long to keep predicting after odometry_timeout_s without odometry, s.",
         0.0,
         60.0,
     ),

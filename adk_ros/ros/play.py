@@ -124,8 +124,9 @@ def play(
         with Session("adk_play") as session, stopping() as stopped:
             player = _Player(bag, session, topics, remap or {}, notify)
             player.send_static_transforms()
-            items = player.items(from_ns, length_ns, round(_CLOCK_NS * rate) if clock else 0, loop)
-            with ReadAhead(items) as ahead:
+            clock_ns = round(_CLOCK_NS * rate) if clock else 0
+            items = player.items(from_ns, length_ns, clock_ns, loop, stopped)
+            with ReadAhead(items, stopped) as ahead:
                 player.wait(wait_for_subscribers_s, stopped)
                 begin_ns = time.monotonic_ns() + _LEAD_NS
                 shift_ns = time.time_ns() + _LEAD_NS - from_ns if stamps == "now" else 0
@@ -134,7 +135,7 @@ def play(
                     if progress is not None and player.progress_due(rate):
                         progress(player.played_ns * 1e-9, length_ns * 1e-9)
             stats = player.stats(stopped())
-        for line in bag.warnings:
+        for line in (*bag.warnings, *player.unshifted()):
             notify(line)
         return stats
 
@@ -247,27 +248,55 @@ class _Player:
         sensors = [self._publishers[topic] for topic in self._sensors]
         return tuple(p.topic_name for p in sensors if not p.get_subscription_count())
 
-    def items(self, from_ns: int, length_ns: int, clock_ns: int, loop: bool) -> Iterator[_Item]:
-        """Yield messages in order, and a /clock item every `clock_ns` of bag time (0: none)."""
+    def unshifted(self) -> list[str]:
+        """Return a line for each topic with stamps that could not be shifted to the present."""
+        return [
+            f"{topic}: {n} messages keep their stamp: shifted, it is beyond the range of ROS time"
+            for topic, n in self._restamper.unshifted.items()
+        ]
+
+    def items(
+        self,
+        from_ns: int,
+        length_ns: int,
+        clock_ns: int,
+        loop: bool,
+        stopped: Callable[[], bool],
+    ) -> Iterator[_Item]:
+        """
+        Yield messages in order, and a /clock item every `clock_ns` of bag time (0: none).
+
+        Ends early once `stopped`, and after a loop without any item.
+        """
         count = 0
         while True:
             begin_ns = count * (length_ns + _CLOCK_NS)
-            messages = self._messages(from_ns, length_ns, begin_ns, count)
+            messages = self._messages(from_ns, length_ns, begin_ns, count, stopped)
             clock = (
                 _Item(begin_ns + offset_ns, count)
                 for offset_ns in range(0, length_ns + 1, clock_ns or length_ns + 1)
             )
-            yield from heapq.merge(clock if clock_ns else (), messages, key=lambda x: x.offset_ns)
+            played = False
+            for item in heapq.merge(
+                clock if clock_ns else (), messages, key=lambda x: x.offset_ns
+            ):
+                played = True
+                yield item
             count += 1
-            if not loop:
+            if not (loop and played) or stopped():
                 return
 
     def _messages(
-        self, from_ns: int, length_ns: int, begin_ns: int, count: int
+        self,
+        from_ns: int,
+        length_ns: int,
+        begin_ns: int,
+        count: int,
+        stopped: Callable[[], bool],
     ) -> Iterator[_Item]:
         played = [topic for topic in self._publishers if topic not in self._static]
         for topic, _type, log_ns, content in self._bag.raw(played):
-            if log_ns > from_ns + length_ns:
+            if log_ns > from_ns + length_ns or stopped():
                 return
             if log_ns >= from_ns:
                 yield _Item(begin_ns + log_ns - from_ns, count, topic, content)

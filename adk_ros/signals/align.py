@@ -34,7 +34,7 @@ from collections.abc import Iterable, Iterator
 from adk_ros.signals.channels import TICK_NS, Flag, Reading, Sample, Source
 from adk_ros.signals.clock import ClockGuard, StampVerdict
 from adk_ros.signals.gate import ReadingGate
-from adk_ros.signals.stream import SampledStream, StreamSnapshot
+from adk_ros.signals.stream import KEEP_NS, SampledStream, StreamSnapshot
 
 _PERIODS_UNTIL_STALE = 3.0
 """Periods of a stream without a reading after which it is stale: two lost messages are not."""
@@ -101,7 +101,9 @@ class Aligner:
         self._begin()
 
     def _begin(self) -> None:
-        self.streams = (SampledStream(), SampledStream(), SampledStream(), SampledStream())
+        # The force since the last odometry is needed until odometry is too old.
+        imu = SampledStream(max(KEEP_NS, self._timeout_ns))
+        self.streams = (imu, SampledStream(), SampledStream(), SampledStream())
         self._tick_ns: int | None = None
         self._restarted = True
         if self._gate is not None:

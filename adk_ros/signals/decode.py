@@ -17,7 +17,12 @@ from typing import Any
 
 from adk_ros.errors import UsageError
 from adk_ros.signals.channels import Reading, Source
-from adk_ros.signals.commands import COMMAND_TYPES, RefusedMessage, steering_report
+from adk_ros.signals.commands import (
+    COMMAND_TYPES,
+    RefusedMessage,
+    checked_command,
+    steering_report,
+)
 from adk_ros.signals.corrections import SensorCorrections, differs
 from adk_ros.signals.frames import LeverArm, rotation, shift_velocity
 from adk_ros.signals.velocity_messages import (
@@ -287,4 +292,4 @@ class Decoder:
         return v_x, v_y, yaw_rate
 
     def _command(self, _: int, msg: Any) -> tuple[float, float]:
-        return self.config.command(*self._decode_command(msg, self.config))
+        return checked_command(*self.config.command(*self._decode_command(msg, self.config)))

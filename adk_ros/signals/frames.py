@@ -22,6 +22,11 @@ its axes are those of the vehicle."""
 
 _RATE_FILTER_S = 0.05
 """s; time constant of the low-pass on the angular acceleration: two samples of the grid."""
+_MAX_YAW_ACCELERATION = 100.0
+"""
+rad/s^2 between two gyro values that count: about ten times that of a car (9 in
+`uncertainty.motion_limits`), as of a model at a scale of 1:10. One wrong value must not last.
+"""
 _MAX_GAP_S = 0.2
 """s between two gyro values above which no angular acceleration is computed: an IMU below 5 Hz."""
 
@@ -113,6 +118,7 @@ class LeverArm:
             self._stamp_ns, self._yaw_rate = stamp_ns, yaw_rate
         elif elapsed_s > 0.0:
             raw = (yaw_rate - self._yaw_rate) / elapsed_s
+            raw = min(max(raw, -_MAX_YAW_ACCELERATION), _MAX_YAW_ACCELERATION)
             gain = elapsed_s / (elapsed_s + _RATE_FILTER_S)
             self._yaw_acceleration += gain * (raw - self._yaw_acceleration)
             self._stamp_ns, self._yaw_rate = stamp_ns, yaw_rate

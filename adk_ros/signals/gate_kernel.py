@@ -45,7 +45,8 @@ class GateArrays(NamedTuple):
     Statistics and expectation of the two streams: 0 IMU (a_x, a_y, yaw_rate), 1 odometry.
 
     `mean_square`, `floor`, `reported`, `level`, `slope`, `growth` (2, 3): s^2, c^2, mean reported
-    variance, expected value at the tick, its change over a tick, and g; SI. `n_accepted` (2,):
+    variance, expected value at the tick, its change over a tick, and g; SI. `offset` (2,): of the
+    specific force from the expected one, as accepted. `n_accepted` (2,):
     readings; `last_s` (2,): time of the last one; `n_refused` (2,) and `refused` (2,
     confirmations, 3): innovations of the readings rejected since. `batch` (MAX_BATCH, 9): readings
     to judge; `outcome` (MAX_BATCH, 4): decision on each, and channel, innovation and bound of a
@@ -58,6 +59,7 @@ class GateArrays(NamedTuple):
     level: FloatArray
     slope: FloatArray
     growth: FloatArray
+    offset: FloatArray
     n_accepted: NDArray[np.int64]
     last_s: FloatArray
     n_refused: NDArray[np.int64]
@@ -83,6 +85,7 @@ class GateState:
             level=np.zeros((2, 3)),
             slope=np.zeros((2, 3)),
             growth=np.zeros((2, 3)),
+            offset=np.zeros(2),
             n_accepted=np.full(2, _PRIOR_READINGS),
             last_s=np.zeros(2),
             n_refused=np.zeros(2, dtype=np.int64),
@@ -121,12 +124,13 @@ def _gate_arrays(rows: IntArray) -> GateArrays:
         floats_2(rows, 3),
         floats_2(rows, 4),
         floats_2(rows, 5),
-        integers_1(rows, 6),
-        floats_1(rows, 7),
-        integers_1(rows, 8),
-        floats_3(rows, 9),
-        floats_2(rows, 10),
+        floats_1(rows, 6),
+        integers_1(rows, 7),
+        floats_1(rows, 8),
+        integers_1(rows, 9),
+        floats_3(rows, 10),
         floats_2(rows, 11),
+        floats_2(rows, 12),
     )
 
 
@@ -141,8 +145,8 @@ def set_expectation(
         gate.slope[_ODOMETRY, c] = predicted[c] - state[c]
         gate.growth[_ODOMETRY, c] = growth[c]
     # Specific force without gravity: the change of velocity in turning axes.
-    gate.level[_IMU, 0] = gate.slope[_ODOMETRY, 0] / _TICK_S - state[2] * state[1]
-    gate.level[_IMU, 1] = gate.slope[_ODOMETRY, 1] / _TICK_S + state[2] * state[0]
+    gate.level[_IMU, 0] = gate.slope[_ODOMETRY, 0] / _TICK_S - state[2] * state[1] + gate.offset[0]
+    gate.level[_IMU, 1] = gate.slope[_ODOMETRY, 1] / _TICK_S + state[2] * state[0] + gate.offset[1]
     gate.level[_IMU, 2] = state[2]
     gate.slope[_IMU, 2] = gate.slope[_ODOMETRY, 2]
     gate.growth[_IMU, 2] = growth[2]
@@ -211,6 +215,13 @@ def _judge_reading(reading: FloatArray, chi2: float, gate: GateArrays, outcome: 
     for c in range(3):
         if np.isfinite(innovation[c]):
             gate.level[stream, c] += innovation[c]
+    if stream == _IMU:
+        # Of velocities, no prediction takes over an offset of the force, as of a tilted sensor.
+        for c in range(2):
+            allowed = gate.mean_square[_IMU, c] + gate.floor[_IMU, c] + gate.growth[_IMU, c]
+            mean = refused[:, c].sum() / refused.shape[0]
+            if mean * mean > chi2 * allowed:
+                gate.offset[c] += mean
     return NEW_LEVEL
 
 

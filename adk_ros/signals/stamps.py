@@ -21,8 +21,8 @@ from typing import NamedTuple
 
 from adk_ros.signals.channels import Source
 
-_KEEP = 256
-"""Latest messages kept per stream: 0.25 s of an IMU at 1000 Hz, 5 s of odometry at 50 Hz."""
+_KEEP = 4096
+"""Most messages kept per stream: a second of an IMU at 4 kHz."""
 _WINDOW_NS = 1_000_000_000
 """ns of arrivals that count, so that a report shows the present."""
 _MIN_COUNT = 5
@@ -65,7 +65,11 @@ class StampMonitor:
 
     def see(self, source: Source, stamp_ns: int, arrival_ns: int) -> None:
         """Record a message that arrived at `arrival_ns`, of any clock that does not jump."""
-        self._pairs[source].append((stamp_ns, arrival_ns))
+        pairs = self._pairs[source]
+        pairs.append((stamp_ns, arrival_ns))
+        # The same time of each stream: where a bag is played faster, delays change meanwhile.
+        while len(pairs) > _MIN_COUNT and arrival_ns - pairs[0][1] > _WINDOW_NS:
+            pairs.popleft()
 
     def least_delay_ns(self, now_ns: int) -> int | None:
         """Return the smallest recent delay of any stream, ns; None before the first message."""

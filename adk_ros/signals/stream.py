@@ -16,8 +16,8 @@ from typing import NamedTuple
 
 from adk_ros.signals.channels import TICK_NS, Reading
 
-_KEEP_NS = 500_000_000
-"""ns of readings kept: the odometry timeout, beyond which no sample uses them."""
+KEEP_NS = 500_000_000
+"""ns of readings kept at least: the default odometry timeout, beyond which no sample uses them."""
 _MAX_EXTRAPOLATION = 1.5
 """Periods beyond the newest reading up to which the line is extrapolated: one lost message."""
 _PERIOD_GAIN = 0.1
@@ -57,13 +57,14 @@ class StreamSnapshot(NamedTuple):
 
 class SampledStream:
     """
-    Readings of the last half second, sorted by stamp, and their period.
+    Readings of the last half second, or of `keep_ns`, sorted by stamp, and their period.
 
     `period_ns` is estimated from the stamps, so changes of the rate are followed; it is 0 until
     two readings are known.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, keep_ns: int = KEEP_NS) -> None:
+        self._keep_ns = keep_ns
         self.stamps: list[int] = []
         self._values: list[tuple[float, ...]] = []
         self._states: list[tuple[float, int, int]] = []
@@ -106,9 +107,9 @@ class SampledStream:
         stamps.append(stamp_ns)
         self._values.append(values)
         self._states.append(state)
-        if stamp_ns - stamps[0] > 2 * _KEEP_NS:
+        if stamp_ns - stamps[0] > 2 * self._keep_ns:
             # One older reading is kept: its value holds until the next one.
-            drop = min(bisect_right(stamps, stamp_ns - _KEEP_NS), len(stamps)) - 1
+            drop = min(bisect_right(stamps, stamp_ns - self._keep_ns), len(stamps)) - 1
             del stamps[:drop]
             del self._values[:drop]
             del self._states[:drop]

@@ -51,3 +51,18 @@ def test_the_covariance_is_that_of_lasting_errors() -> None:
             np.sqrt(np.diag(found[step])), np.sqrt(np.diag(expected)), rtol=0.08
         )
     assert (np.linalg.eigvalsh(found[1:]) > -1e-12).all()
+
+
+def test_a_singular_covariance_has_poses() -> None:
+    """A channel that is always zero has no error, and a lasting error vector is of rank one."""
+    horizon = circle()
+    poses = pose_horizon(START, horizon[0], horizon)
+    error = np.array([0.01, 0.001, 0.0005])
+    for covariance in (np.diag([1e-3, 0.0, 1e-5]), np.outer(error, error), np.zeros((3, 3))):
+        every = np.broadcast_to(covariance, (STEPS, 3, 3))
+        found = pose_covariance(poses, horizon, every)
+        assert np.isfinite(found).all()
+        slightly = every + 1e-12 * np.eye(3)
+        np.testing.assert_allclose(
+            found, pose_covariance(poses, horizon, slightly), rtol=1e-3, atol=1e-7
+        )

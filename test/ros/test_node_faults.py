@@ -23,7 +23,8 @@ from adk_ros.model.pipeline import PipelineSettings
 from adk_ros.ros.diagnostics import DiagnosticReport, Level
 from adk_ros.ros.messages import join_stamp, split_stamp
 from adk_ros.ros.traffic import Rates
-from adk_ros.signals.channels import STANDARD_SOURCES, TICK_NS, Source
+from adk_ros.signals.channels import STANDARD_SOURCES, TICK_NS, Flag, Source
+from adk_ros.signals.decode import SensorConfig
 
 
 @pytest.fixture(scope="module")
@@ -755,6 +756,44 @@ def test_the_clock_waits_for_streams_that_are_slow_and_late(
     by_clock, by_data = counts
     assert by_clock[1:] == by_data[1:] == (0, 0)
     assert by_clock[0] >= by_data[0] > 370
+
+
+@pytest.mark.parametrize("by_s", [1.2, 1.9, 2.5])
+def test_a_clock_that_is_another_one_completes_no_sample(
+    model: KoopmanModel, by_s: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The computer's clock is ahead of the sensors': their readings are not late by it."""
+    rig = Rig(model, rates=Rates(imu_hz=0.0, odometry_hz=20.0, command_hz=20.0))
+    timer = rig.core.on_timer
+    monkeypatch.setattr(rig.core, "on_timer", lambda now_ns: timer(now_ns + round(by_s * 1e9)))
+    rig.drive(10.0)
+    assert rig.pipeline.aligner.counts["late"] == 0
+    assert not any(bits & Flag.COASTING for bits in rig.pipeline.flagged)
+
+
+def test_a_known_delay_is_no_difference_of_the_stamps(model: KoopmanModel) -> None:
+    """Odometry's clock is 0.3 s ahead, as the configuration says."""
+    sensors = SensorConfig(odometry_delay=0.3)
+    rig = Rig(model, PipelineSettings(sensors=sensors))
+
+    def ahead(source: Source, msg: Any) -> Any:
+        if source is Source.ODOMETRY:
+            stamp_ns = join_stamp(msg.header.stamp) + 300_000_000
+            msg.header.stamp.sec, msg.header.stamp.nanosec = split_stamp(stamp_ns)
+        return msg
+
+    report = rig.drive(4.0, ahead)[-1]
+    assert report.level is Level.OK, report.message
+
+
+def test_samples_are_counted_by_their_flags(rig: Rig) -> None:
+    """Also those that one message completes together."""
+    before = sum(rig.pipeline.flagged.values())
+    rig.drive(0.3, lambda source, msg: None if source is Source.COMMAND else msg)
+    rig.drive(0.2)
+    flagged = sum(rig.pipeline.flagged.values()) - before
+    assert flagged == rig.pipeline.flagged[int(Flag.COMMAND_STALE)]
+    assert 6 <= flagged <= 12
 
 
 def test_reset_on_request(rig: Rig) -> None:

@@ -233,6 +233,33 @@ def test_parameter_file_is_read_without_ros(tmp_path: Path) -> None:
     assert warning == (f"{file}: parameter 'windw' is unknown and ignored: did you mean 'window'?")
 
 
+@pytest.mark.parametrize(
+    ("content", "mass"),
+    [
+        (
+            "predictor: {ros__parameters: {mass: 1500}}\nother: {ros__parameters: {mass: 1}}",
+            1500.0,
+        ),
+        ("car1: {predictor: {ros__parameters: {mass: 1400}}}", 1400.0),
+        ("/**: {ros__parameters: {mass: 1300}}\nother: {ros__parameters: {mass: 1}}", 1300.0),
+        ("/**: {ros__parameters: {mass: 1}}\npredictor: {ros__parameters: {mass: 1200}}", 1200.0),
+        ("my_node: {ros__parameters: {mass: 1100}}", 1100.0),
+    ],
+)
+def test_parameters_are_those_of_the_predictor(tmp_path: Path, content: str, mass: float) -> None:
+    file = tmp_path / "car.yaml"
+    file.write_text(content)
+    assert read_parameter_file(file)[0]["mass"] == mass
+
+
+def test_parameters_of_several_nodes_are_refused(tmp_path: Path) -> None:
+    file = tmp_path / "car.yaml"
+    block = "{ros__parameters: {mass: 1500}}"
+    file.write_text(f"car1/predictor: {block}\ncar2/predictor: {block}")
+    with pytest.raises(UsageError, match=r"several nodes \(car1/predictor, car2/predictor\)"):
+        read_parameter_file(file)
+
+
 @pytest.mark.parametrize("content", [b"\xff\xfe", b"a: [", b"[" * 5000, b"a: 2001-99-99"])
 def test_damaged_parameter_file_is_refused_in_one_line(tmp_path: Path, content: bytes) -> None:
     file = tmp_path / "car.yaml"

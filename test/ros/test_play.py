@@ -267,6 +267,11 @@ def test_only_stamped_messages_are_shifted() -> None:
     shifted = restamper.shift("PointStamped", serialize_message(point), 2)
     stamp = deserialize_message(shifted, PointStamped).header.stamp
     assert (stamp.sec, stamp.nanosec) == (6, 1)
+    # A stamp that would be beyond 2^31 s stays.
+    assert restamper.shift("PointStamped", serialize_message(point), 2**31 * 10**9) == (
+        serialize_message(point)
+    )
+    assert restamper.unshifted == {"PointStamped": 1}
     big_endian = b"\0\0\0\0" + (7).to_bytes(4, "big") + (8).to_bytes(4, "big") + b"rest"
     shifted = restamper.shift("Imu", big_endian, 3_000_000_001)
     assert shifted == b"\0\0\0\0" + (10).to_bytes(4, "big") + (9).to_bytes(4, "big") + b"rest"
@@ -330,6 +335,31 @@ def test_read_ahead_can_end_early() -> None:
     with ReadAhead(endless) as ahead:
         assert next(iter(ahead)).offset_ns == 0
     assert not ahead._thread.is_alive()
+
+
+def test_read_ahead_ends_while_nothing_is_ready() -> None:
+    """As while it reads through an hour of a bag that is not played."""
+    begin_s = time.monotonic()
+
+    def stopped() -> bool:
+        return time.monotonic() > begin_s + 0.3
+
+    def nothing() -> Iterator[Item]:
+        while not stopped():
+            time.sleep(0.01)
+        yield from ()
+
+    with ReadAhead(nothing(), stopped) as ahead:
+        assert list(ahead) == []
+    assert time.monotonic() - begin_s < 2.0
+
+
+def test_a_part_without_messages_is_not_repeated_for_ever(bag: Path) -> None:
+    stats = play(
+        bag, topics=["/odometry"], loop=True, clock=False, duration_s=1e-9, start_s=0.0131,
+        wait_for_subscribers_s=0.0,
+    )  # fmt: skip
+    assert stats.messages == 0
 
 
 def test_loops_count_towards_the_time_played(bag: Path) -> None:

@@ -64,6 +64,19 @@ def test_one_topic_stops_for_two_seconds(source: Source) -> None:
         assert len({s.u for s in affected}) == 1
 
 
+def test_the_force_is_integrated_until_a_longer_timeout() -> None:
+    """The first half second after odometry, in which the car brakes, must count to the end."""
+    readings = without(in_order(drive(6.0)), Source.ODOMETRY, 3.0, 99.0)
+    aligner = Aligner(odometry_timeout_s=2.0)
+    samples = align_samples(readings, aligner)
+    found = between(samples, 4.5, 4.95)
+    assert not any(s.flags & Flag.COASTING for s in found)
+    expected = align_samples(in_order(drive(6.0)))
+    by_stamp = {s.stamp_ns: s.x for s in expected}
+    off = np.array([np.subtract(s.x, by_stamp[s.stamp_ns]) for s in found])
+    assert np.abs(off[:, 0]).max() < 0.25
+
+
 @pytest.mark.parametrize("source", STANDARD_SOURCES)
 def test_one_topic_stops_for_good(source: Source) -> None:
     samples = align_samples(without(in_order(drive(30.0)), source, 3.0, 99.0))

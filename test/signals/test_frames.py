@@ -178,3 +178,12 @@ def test_a_heading_is_that_of_the_vehicle() -> None:
     msg = SimpleNamespace(pose=SimpleNamespace(pose=pose))
     assert pose_of(msg) == pytest.approx((1.0, 2.0, 0.7))
     assert pose_of(msg, 0.3) == pytest.approx((1.0, 2.0, 0.4))
+
+
+def test_one_wrong_gyro_value_does_not_last() -> None:
+    """At 200 Hz it would be an angular acceleration of thousands of rad/s^2 for 0.1 s."""
+    arm = LeverArm(1.0, 0.0)
+    for k in range(40):
+        wrong = 500.0 if k == 20 else 0.0
+        _, a_y = arm.compensate(10**9 + k * 5_000_000, 0.0, 0.0, wrong)
+        assert k == 20 or abs(a_y) < 1.0

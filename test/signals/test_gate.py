@@ -125,6 +125,27 @@ def test_a_new_level_is_accepted_after_consistent_readings() -> None:
     assert not gate.level_changed
 
 
+def test_an_offset_of_the_force_is_accepted_once() -> None:
+    """As of an IMU that is mounted with a roll of 15 degrees: no prediction takes it over."""
+    gate = trained()
+    rng = np.random.default_rng(3)
+    rejected = []
+    for k in range(100, 300):
+        gate.expect(k * TICK_NS, STATE, STATE, NONE)
+        values = (-0.06 + rng.normal(0.0, 0.3), 3.0 + 12.0 + rng.normal(0.0, 0.3), 0.3)
+        if not gate.accepts(Reading(Source.IMU, k * TICK_NS, values)):
+            rejected.append(k)
+    assert rejected == [100, 101, 102, 103]
+    assert gate.level_changes[Source.IMU] == 1
+    # What contradicts the offset is rejected, and its end is accepted as well.
+    assert not gate.accepts(Reading(Source.IMU, 299 * TICK_NS, (-0.06, 3.0, 0.3)))
+    for k in range(300, 310):
+        gate.expect(k * TICK_NS, STATE, STATE, NONE)
+        gate.accepts(Reading(Source.IMU, k * TICK_NS, (-0.06, 3.0, 0.3)))
+    assert gate.level_changes[Source.IMU] == 2
+    assert gate.accepts(Reading(Source.IMU, 309 * TICK_NS, (-0.06, 3.0, 0.3)))
+
+
 def test_two_publishers_do_not_add_up_to_a_new_level() -> None:
     gate = trained()
     for k in range(100, 2000):

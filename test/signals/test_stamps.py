@@ -74,3 +74,14 @@ def test_unsteady_streams_are_left_out() -> None:
     stuck = StreamStamps(9.0, is_stuck=True, is_erratic=False)
     assert leads({IMU: stuck, ODOMETRY: steady(0.0)}, 0.075, 0.001) == {ODOMETRY: 0.0}
     assert leads({}, 0.075, 0.0) == {}
+
+
+def test_fast_and_slow_streams_are_compared_over_the_same_time() -> None:
+    """A bag played at twice its speed: each delay falls by a second in a second."""
+    monitor = StampMonitor()
+    for source, step_ms in ((IMU, 1), (ODOMETRY, 20)):
+        for number in range(3000 // step_ms):
+            arrival_ns = number * step_ms * MS
+            monitor.see(source, 2 * arrival_ns, arrival_ns)
+    found = monitor.statistics(3_000 * MS)
+    assert found[IMU].delay_s == pytest.approx(found[ODOMETRY].delay_s, abs=0.03)
