@@ -80,6 +80,7 @@ def train(
     from adk_ros.api.fleet.fleet_training import train_fleet
     from adk_ros.api.fleet.training_data import FleetTrainingOptions, shard_stage
     from adk_ros.api.training import check_training, validation_interval
+    from adk_ros.shutdown import TERMINATED, Terminated, graceful_shutdown
     from adk_ros.train.train_settings import TrainSettings
 
     settings = TrainSettings(
@@ -99,22 +100,29 @@ def train(
         print_estimate(estimate, as_json, f"; then {steps} training steps on this machine")
         return
     check_training(model, "blocks", 1, force)
-    with (
-        noted_checkpoint(model),
-        console.progress("fleet") as report,
-        console.stages() as progress,
-    ):
-        trained = train_fleet(
-            recordings,
-            out,
-            model,
-            settings=settings,
-            training=training,
-            options=options,
-            force=force,
-            fleet_progress=report,
-            progress=progress,
-        )
+    try:
+        with (
+            graceful_shutdown(),
+            noted_checkpoint(model),
+            console.progress("fleet") as report,
+            console.stages() as progress,
+        ):
+            trained = train_fleet(
+                recordings,
+                out,
+                model,
+                settings=settings,
+                training=training,
+                options=options,
+                force=force,
+                fleet_progress=report,
+                progress=progress,
+            )
+    except (Terminated, KeyboardInterrupt) as stop:
+        console.note("results so far are kept: run the same command again to continue")
+        if isinstance(stop, KeyboardInterrupt):
+            raise
+        raise typer.Exit(TERMINATED) from None
     seconds = time.monotonic() - started
     if as_json:
         console.print_json({"model": str(model), "seconds": round(seconds, 1)} | trained.facts)

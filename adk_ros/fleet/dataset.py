@@ -245,7 +245,9 @@ class FleetDataset:
         where: Mapping[str, Collection[str]] | None = None,
     ) -> Any:
         try:
-            with path.open("rb") as file:
+            # Arrow's threads free buffers of a Python file under the interpreter's lock; one that
+            # waits for it when the interpreter ends aborts the process.
+            with self._arrow.OSFile(str(path), "rb") as file:
                 content = self._parquet.ParquetFile(file)
                 if not where:
                     return content.read(columns=columns).select(columns)
@@ -254,7 +256,11 @@ class FleetDataset:
                 if chosen.true_count == 0:
                     return self.table({name: RESULT[name] for name in columns}, [])
                 return content.read(columns=columns).filter(chosen)
+        except MemoryError:
+            raise
         except Exception as error:  # the parser may raise anything on a file of a stranger
+            if isinstance(error, OSError) and error.errno:
+                raise UsageError(f"{path} cannot be read: {error.strerror or error}") from None
             raise UsageError(
                 f"{path} is not a file of this dataset: {first_line(error)}: remove it, its "
                 "recordings are then processed again"

@@ -146,8 +146,13 @@ def _reply(future: Any) -> Reply | None:
             return Reply(failure=Failure.KILLED, reason=reason)
         if not is_fault:
             return None
-        reason = one_line(f"{type(error).__name__}: {first_line(error)}")
-        return Reply(failure=Failure.ERROR, reason=reason)
+        # What a stage raises is a reply: this is a fault of the worker, or of its installation.
+        text = one_line(f"{type(error).__name__}: {first_line(error)}")
+        reason = (
+            f"a worker cannot run the work ({text}): install the same version of adk_ros and of "
+            "its libraries on all machines"
+        )
+        return Reply(failure=Failure.OTHER_CODE, reason=reason)
     return reply
 
 

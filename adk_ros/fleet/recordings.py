@@ -105,7 +105,8 @@ def _below(uri: str) -> Iterator[FleetRecording]:
     try:
         files = with_retries(uri, listed)
     except OSError as error:
-        reason = "does not exist" if isinstance(error, FileNotFoundError) else error.strerror
+        reason = "does not exist" if isinstance(error, FileNotFoundError) else None
+        reason = reason or error.strerror or f"cannot be read: {error}"
         raise UsageError(f"{uri} {reason}") from None
     folders: dict[str, list[tuple[str, dict[str, Any]]]] = {}
     for parent, info in files:

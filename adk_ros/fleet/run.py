@@ -103,12 +103,20 @@ def run_stage(
             _list_and_copy(version, recordings, hashes, found, dataset)
             return _summary(recordings, found, Counter(), 0.0)
         with cluster() as opened:
-            if found.unhashed:
-                _hash_recordings(found.unhashed, opened, dataset, limits, progress)
+            if wanted := _to_hash(found, limits.count):
+                _hash_recordings(wanted, opened, dataset, limits, progress)
                 hashes = dataset.content_hashes()
                 found = plan(version, recordings, hashes, dataset, limits.retry_failed)
             _list_and_copy(version, recordings, hashes, found, dataset)
             return _compute(stage, version, recordings, found, opened, dataset, limits, progress)
+
+
+def _to_hash(found: Plan, count: int | None) -> Sequence[FleetRecording]:
+    """Return the recordings to hash: as many as may be processed, the largest first."""
+    if count is None:
+        return found.unhashed
+    largest = sorted(found.unhashed, key=lambda each: (-each.size, each.name))
+    return largest[: max(count - len(found.missing), 0)]
 
 
 def _hash_recordings(
@@ -120,7 +128,13 @@ def _hash_recordings(
 ) -> None:
     by_name = {recording.name: recording for recording in recordings}
     tasks = (
-        Task(name, content_hash, (recording,), limits.timeout_s, limits.memory_mib)
+        Task(
+            name,
+            hash_of_recording,
+            (recording, _seen_folder(recording)),
+            limits.timeout_s,
+            limits.memory_mib,
+        )
         for name, recording in by_name.items()
     )
     meter = _Meter("hashing", len(by_name), sum(x.size for x in recordings), progress, cluster)
@@ -158,8 +172,9 @@ def _compute(
     shared = tuple(path for path in stage.shared_paths if Path(path).exists())
     tasks = (
         Task(
-            work.key, run_on_recording, (stage, work.recordings[0], shared), limits.timeout_s,
-            limits.memory_mib,
+            work.key, run_on_recording,
+            (stage, work.recordings[0], (*shared, *_seen_folder(work.recordings[0]))),
+            limits.timeout_s, limits.memory_mib,
         )
         for work in missing
     )  # fmt: skip
@@ -175,8 +190,35 @@ def _compute(
             if reply.failure:
                 failures[reply.failure.value] += len(work.recordings)
             meter.add(work.size, reply.failure is not None)
-    left = sum(len(work.recordings) for work in found.missing) - computed
+    left = sum(len(work.recordings) for work in found.missing) - computed + len(found.unhashed)
     return _summary(recordings, found, failures, time.monotonic() - started, left, memory_mib)
+
+
+def _seen_folder(recording: FleetRecording) -> tuple[str, ...]:
+    """Return the folder that a local recording lies in, if this machine sees it."""
+    if "://" in recording.uri:
+        return ()
+    folder = Path(recording.uri).parent
+    return (str(folder),) if folder.exists() else ()
+
+
+def hash_of_recording(recording: FleetRecording, shared: Sequence[str]) -> str:
+    """
+    Return `content_hash` of a recording: what a stage process runs.
+
+    :param shared: as `run_on_recording`, and raises as that.
+    """
+    _require(shared)
+    return content_hash(recording)
+
+
+def _require(shared: Sequence[str]) -> None:
+    for each in shared:
+        if not Path(each).exists():
+            raise NotShared(
+                f"a worker on {socket.gethostname()} does not see {each}: put it into a folder "
+                "that all machines see under this path"
+            )
 
 
 def run_on_recording(
@@ -191,12 +233,7 @@ def run_on_recording(
     :raises NotShared: it does not.
     :raises UsageError: the recording has changed since it was listed.
     """
-    for each in shared:
-        if not Path(each).exists():
-            raise NotShared(
-                f"a worker on {socket.gethostname()} does not see {each}: put it into a folder "
-                "that all machines see under this path"
-            )
+    _require(shared)
     with local_recording(recording) as path:
 
         def named(value: Any) -> Any:

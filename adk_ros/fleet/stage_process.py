@@ -203,7 +203,7 @@ def serve(descriptor: int, scratch: str) -> None:
             _remove(scratch)
             return
         except Exception as error:  # a function that this process does not have
-            connection.send(Reply(failure=Failure.ERROR, reason=_described(error)))
+            connection.send(Reply(failure=Failure.OTHER_CODE, reason=_described(error)))
             continue
         connection.send(call(function, arguments))
 
@@ -220,16 +220,22 @@ def call(function: Callable[..., Any], arguments: Sequence[Any]) -> Reply:
     except NotShared as error:
         failure, reason = Failure.NOT_SHARED, str(error)
     except AdkError as error:
-        failure, reason = Failure.UNUSABLE, str(error)
+        # `from None` hides the cause from a reader, not from the program.
+        full = _is_full(error) or _is_full(error.__context__)
+        failure, reason = Failure.DISK_FULL if full else Failure.UNUSABLE, str(error)
     except MemoryError:
         failure, reason = Failure.MEMORY, "out of memory"
     except OSError as error:
-        is_full = error.errno in {errno.ENOSPC, errno.EDQUOT}
-        failure = Failure.DISK_FULL if is_full else Failure.ERROR
+        failure = Failure.DISK_FULL if _is_full(error) else Failure.ERROR
         reason = _described(error)
     except Exception as error:
         failure, reason = Failure.ERROR, _described(error)
     return Reply(value, failure, reason, time.monotonic() - started, _peak_mib())
+
+
+def _is_full(error: BaseException | None) -> bool:
+    """Whether an error says that a disk is full."""
+    return isinstance(error, OSError) and error.errno in {errno.ENOSPC, errno.EDQUOT}
 
 
 def _forget_peak() -> None:

@@ -16,6 +16,13 @@ T = TypeVar("T")
 
 OUTAGE_S = 60.0
 """s for which an unreachable store is tried again before the run stops."""
+_CREDENTIAL_FAULTS = frozenset(
+    {
+        "ExpiredToken", "ExpiredTokenException", "InvalidAccessKeyId", "InvalidToken",
+        "RequestExpired", "SignatureDoesNotMatch", "TokenRefreshRequired",
+    }
+)  # fmt: skip
+"""Error codes of S3 that concern all objects of a store."""
 _FIRST_PAUSE_S, _LONGEST_PAUSE_S = 0.5, 5.0
 
 
@@ -53,15 +60,22 @@ def with_retries(uri: str, access: Callable[[], T], outage_s: float = OUTAGE_S) 
     What the store answers clearly (a missing file, no permission) and errors of the local disk are
     raised at once.
 
-    :raises StoreUnreachable: the store does not answer for `outage_s`.
+    :raises StoreUnreachable: the store does not answer for `outage_s`, or refuses the credentials.
     """
     deadline, pause = time.monotonic() + outage_s, _FIRST_PAUSE_S
     while True:
         try:
             return access()
-        except (FileNotFoundError, PermissionError, NotADirectoryError, IsADirectoryError):
+        except (FileNotFoundError, NotADirectoryError, IsADirectoryError):
             raise
         except Exception as error:  # each store raises other exceptions
+            if reason := _refused_credentials(error):
+                raise StoreUnreachable(
+                    f"{uri}: the store refuses the credentials ({reason}): renew them and run the "
+                    "same command again, results so far are kept"
+                ) from None
+            if isinstance(error, PermissionError):
+                raise
             if isinstance(error, AdkError) or "://" not in uri or _is_local_fault(error):
                 raise
             if time.monotonic() + pause > deadline:
@@ -72,6 +86,17 @@ def with_retries(uri: str, access: Callable[[], T], outage_s: float = OUTAGE_S) 
                 ) from None
         time.sleep(pause)
         pause = min(2.0 * pause, _LONGEST_PAUSE_S)
+
+
+def _refused_credentials(error: Exception) -> str:
+    """Return the code of a store that refuses all access, "" of another error."""
+    if type(error).__name__ == "NoCredentialsError":
+        return "there are none"
+    response = getattr(error.__cause__ or error, "response", None)
+    if not isinstance(response, dict):
+        return ""
+    code = str(response.get("Error", {}).get("Code", ""))
+    return code if code in _CREDENTIAL_FAULTS else ""
 
 
 def _is_local_fault(error: Exception) -> bool:

@@ -163,7 +163,9 @@ def merge_tags(path: Path, tags: Mapping[str, Tags]) -> None:
 def _add_without_ending(known: dict[str, str]) -> None:
     """Add the names without the endings of their files, where no other recording has them."""
     for name in list(known):
-        known.setdefault(name.rpartition(".")[0], known[name])
+        folder, slash, last = name.rpartition("/")
+        if stem := last.rpartition(".")[0]:
+            known.setdefault(f"{folder}{slash}{stem}", known[name])
 
 
 def _named(names: Sequence[str]) -> str:
@@ -186,9 +188,14 @@ def _rows(path: Path | str) -> Iterator[tuple[int, str, Callable[[], Tags]]]:
             _check_columns(path, names)
             for row in reader:
                 where = f"{path}:{reader.line_num}"
+                if not any(x.strip() for x in row.values() if isinstance(x, str)):
+                    # An empty row of a spreadsheet.
+                    continue
                 if len(row) != len(names) or any(value is None for value in row.values()):
                     raise UsageError(f"{where}: {len(names)} columns expected")
                 given = row["recording"].strip().strip("/")
+                if not given:
+                    raise UsageError(f"{where}: the name of the recording is missing")
                 yield reader.line_num, given, partial(_tags, where, row, names)
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         reason = getattr(error, "strerror", None) or str(error)

@@ -7,6 +7,8 @@ from __future__ import annotations
 import errno
 import fcntl
 import os
+import subprocess
+import sys
 import time
 from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
@@ -224,3 +226,29 @@ def test_an_interruption_writes_what_is_there() -> None:
 
 def test_durations() -> None:
     assert [duration_text(x) for x in (5, 100, 8000)] == ["5 s", "2 min", "2.2 h"]
+
+
+AT_ONCE = """
+import os, sys, time
+from pathlib import Path
+from adk_ros.fleet.dataset import FleetDataset
+os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
+sys.setswitchinterval(1.0)
+FleetDataset(Path(sys.argv[1])).listing("text")
+end = time.perf_counter() + 0.02
+while time.perf_counter() < end:
+    pass
+"""
+
+
+def test_a_process_that_ends_after_a_read_is_not_aborted(tmp_path) -> None:
+    """Arrow's threads that free a Python buffer while the interpreter ends abort it."""
+    dataset = FleetDataset(tmp_path)
+    rows = [{"recording": f"r{i}", "content_hash": "c" * 64, "key": "k" * 64} for i in range(200)]
+    dataset.update_listing("text", rows)
+    for _ in range(3):
+        done = subprocess.run(
+            [sys.executable, "-c", AT_ONCE, str(tmp_path)],
+            capture_output=True, text=True, check=False, timeout=60.0,
+        )  # fmt: skip
+        assert done.returncode == 0, done.stderr

@@ -189,8 +189,40 @@ def test_an_outage_is_survived_or_reported_in_a_line() -> None:
         store.with_retries("s3://bucket", fails, outage_s=0.0)
     with pytest.raises(ConnectionError):
         store.with_retries("/a/folder", fails)
+
+    class Refused(RuntimeError):
+        response = {"Error": {"Code": "ExpiredToken"}}  # noqa: RUF012
+
+    def expired():
+        cause = Refused("The provided token has expired.")
+        raise PermissionError("The provided token has expired.") from cause
+
+    with pytest.raises(store.StoreUnreachable, match=r"credentials \(ExpiredToken\): renew"):
+        store.with_retries("s3://bucket", expired)
+
+    def denied():
+        raise PermissionError("Access Denied")
+
+    with pytest.raises(PermissionError):
+        store.with_retries("s3://bucket", denied)
     with pytest.raises(FileNotFoundError):
         store.with_retries("s3://bucket", Path("/no/such/file").read_text)
+
+
+def test_a_row_without_a_name_is_of_no_recording(tmp_path) -> None:
+    """Names of rosbag2 folders have no ending, which left an empty name for one of them."""
+    for name in ("run_01", "run_02"):
+        (tmp_path / "drives" / name).mkdir(parents=True)
+        touch(tmp_path / "drives" / name / "metadata.yaml", "x")
+        touch(tmp_path / "drives" / name / f"{name}_0.mcap", name)
+    found = find_recordings([str(tmp_path / "drives")])
+    table = touch(tmp_path / "fleet.csv", "recording,vehicle,time\nrun_02,B,\n,,\n")
+    assert {name: each.vehicle for name, each in read_tags(table, found).tags.items()} == {
+        "run_02": "B"
+    }
+    table = touch(tmp_path / "fleet.csv", "recording,vehicle,time\nrun_02,B,\n,C,\n")
+    with pytest.raises(UsageError, match=r"fleet\.csv:3: the name of the recording is missing"):
+        read_tags(table, found)
 
 
 TABLE = """recording,vehicle,time,rain,tyres

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import signal
 import tempfile
@@ -148,3 +149,14 @@ def test_a_function_that_the_process_does_not_have(process) -> None:
     with pytest.raises((AttributeError, TypeError)):
         process.run(Unknown, [])
     assert process.run(abs, [-2]).value == 2
+
+
+def refused_by_a_full_disk() -> None:
+    try:
+        raise OSError(errno.ENOSPC, "No space left on device")
+    except OSError as error:
+        raise UsageError(f"page cannot be written: {error.strerror}") from None
+
+
+def test_a_full_disk_behind_a_refusal_is_no_fault_of_the_recording() -> None:
+    assert call(refused_by_a_full_disk, ()).failure is Failure.DISK_FULL

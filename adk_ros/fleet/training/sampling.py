@@ -138,19 +138,15 @@ class BlockWindows:
         """Return the blocks of a window, in the order in which files are read best."""
         chosen = []
         for condition, group in self._groups.items():
-            # Each condition goes through its blocks in a circle, a quota further in each window.
+            # Each condition goes through its blocks in a circle, a quota further in each window:
+            # a block is drawn in the window that its middle falls into.
             durations = np.array([block.seconds for block in group])
-            ends = np.cumsum(durations)
-            first = number * self.quotas[condition] % ends[-1]
-            at = int(np.searchsorted(ends, first, side="right")) % len(group)
-            taken = 0.0
-            for i in range(len(group)):
-                block = group[(at + i) % len(group)]
-                # The block that is begun counts, so that no condition is left out.
-                if taken >= self.quotas[condition] - 0.5 * block.seconds and taken > 0.0:
-                    break
-                chosen.append(block)
-                taken += block.seconds
+            ends, quota = np.cumsum(durations), self.quotas[condition]
+            first = number * quota % ends[-1]
+            ahead = (ends - 0.5 * durations - first) % ends[-1]
+            drawn = np.flatnonzero(ahead < quota * (1.0 - 1e-9))
+            # No condition is left out.
+            chosen += [group[i] for i in (drawn if drawn.size else [int(ahead.argmin())])]
         return sorted(chosen, key=lambda block: (block.shard, block.start))
 
 

@@ -77,6 +77,15 @@ def test_all_blocks_are_drawn_once_before_one_is_drawn_again() -> None:
     assert set(seen.values()) == {1}
 
 
+@pytest.mark.parametrize(("count", "seconds"), [(1075, 3600.0), (101, 380.0), (400, 3000.0)])
+def test_windows_that_are_no_multiple_of_a_block_draw_each_once(count, seconds) -> None:
+    every = blocks("town", count)
+    windows = BlockWindows(every, seconds)
+    seen = Counter(block for number in range(windows.count) for block in windows.window(number))
+    assert set(seen) == set(every)
+    assert set(seen.values()) == {1}
+
+
 def test_unbalanced_windows_have_the_shares_of_the_data() -> None:
     windows = BlockWindows(blocks("town", 900) + blocks("wet", 100), 15000.0, balanced=False)
     shares = [drawn(windows, k)["wet"] / 500 for k in range(windows.count)]
