@@ -35,6 +35,10 @@ class Indexed:
         if not (getattr(reader, "chunks", True) and about.message_count):
             reader.close()
             raise NoIndex
+        # Counts by channel are optional in MCAP; without them each channel looks empty.
+        if sum(x.msgcount for x in reader.connections) != about.message_count:
+            reader.close()
+            raise NoIndex
         self.start_ns: int = about.start_time
         self.end_ns: int = about.end_time - 1
         self._connections = {connection.id: connection for connection in reader.connections}

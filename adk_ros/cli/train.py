@@ -33,11 +33,19 @@ if TYPE_CHECKING:
     from adk_ros.bags.recording import RecordingOptions
     from adk_ros.train.network_fit import Step
 
+_PAPER_EPOCHS = 2000
+"""As in the paper."""
+_DEFAULT_TRAINING = (
+    "steps", "history", "hidden", "learning_rate", "quadratic", "speed_augmentation",
+    "single_track",
+)  # fmt: skip
+"""Options that the paper's training does not have."""
 _SCALARS_INTERVAL = 20
 """Steps between two rows of TensorBoard scalars."""
 
 
 def train(
+    context: typer.Context,
     bags: BagsArgument,
     out: Annotated[Path, typer.Option(help="model folder to write")],
     imu: ImuOption = None,
@@ -134,8 +142,12 @@ def train(
             validate_every=validation_interval(steps),
         )
     elif paper in ("dk", "aldk"):
+        _refuse_options_without_effect(context)
         settings = PaperSettings(
-            acceleration=paper == "aldk", epochs=epochs or 2000, seed=seed, device=device
+            acceleration=paper == "aldk",
+            epochs=_PAPER_EPOCHS if epochs is None else epochs,
+            seed=seed,
+            device=device,
         )
     else:
         raise UsageError(f"--paper {paper} is unknown: choose dk or aldk")
@@ -168,6 +180,19 @@ def train(
     console.note(f"trained on {data_s:.0f} s of recordings in {seconds:.0f} s: model in {out}")
     if report:
         console.note(f"report: {out / 'report.html'}")
+
+
+def _refuse_options_without_effect(context: typer.Context) -> None:
+    """Refuse what is given for the default training with `--paper`."""
+    given = [
+        f"--{name.replace('_', '-')}"
+        for name in _DEFAULT_TRAINING
+        if getattr(context.get_parameter_source(name), "name", "") == "COMMANDLINE"
+    ]
+    if given:
+        raise UsageError(
+            f"{', '.join(given)}: of the default training; with --paper, give --epochs alone"
+        )
 
 
 @contextmanager

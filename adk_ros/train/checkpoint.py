@@ -21,14 +21,16 @@ import numpy as np
 import torch
 from torch import nn
 
+from adk_ros.files.code_digest import code_digest
 from adk_ros.signals.channels import Record
 
 Arrays = dict[str, np.ndarray[Any, Any]]
 
 
 def fingerprint(settings: Any, records: list[Record]) -> str:
-    """Return a hash of settings and data: equal for trainings with the same result."""
+    """Return a hash of settings, data and code: equal for trainings with the same result."""
     digest = hashlib.sha256(json.dumps(asdict(settings), sort_keys=True).encode())
+    digest.update(code_digest().encode())
     for record in records:
         channels = (record.x, record.u, record.a, record.x_ref, record.flags, record.episode)
         for array in channels:
@@ -48,7 +50,8 @@ def save(
             arrays[f"adam.{index}.{name}"] = np.asarray(torch.as_tensor(value).cpu())
     arrays |= {f"extra.{name}": value for name, value in extra.items()}
     path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_suffix(".part")
+    # Two trainings may write the same checkpoint.
+    part = path.with_suffix(f".{os.getpid()}.part")
     with part.open("wb") as file:
         np.savez(file, allow_pickle=False, **arrays)
     os.replace(part, path)

@@ -67,7 +67,8 @@ def split_records(records: Sequence[Record], kind: str = "blocks") -> Split:
     """
     Assign every row of every record to a part.
 
-    "blocks": blocks of 6 to 30 s; of every ten, seven train, one validates and two test. "tail":
+    "blocks": blocks of 6 to 30 s; of every ten, counted over all recordings, seven train, one
+    validates and two test. "tail":
     the first 70 % of each bag train, the next 10 % validate, the last 20 % test. "bags": the last
     bag is the test, and the last tenth of each other bag validates.
 
@@ -80,6 +81,7 @@ def split_records(records: Sequence[Record], kind: str = "blocks") -> Split:
         raise UsageError("--split bags needs at least two bags: the last one is the test")
     _refuse_duplicates(records)
     parts: list[IntArray] = []
+    blocks = 0
     for number, record in enumerate(records):
         n = len(record)
         row = np.arange(n)
@@ -88,7 +90,9 @@ def split_records(records: Sequence[Record], kind: str = "blocks") -> Split:
                 record.duration_s / _BLOCKS_PER_RECORDING, _MIN_BLOCK_S, _MAX_BLOCK_S
             )
             length = int(block_s / (TICK_NS * 1e-9))
-            part = np.array(_PATTERN)[(row // length) % len(_PATTERN)]
+            # Continued over the recordings: short ones would all train, and none of them test.
+            part = np.array(_PATTERN)[(blocks + row // length) % len(_PATTERN)]
+            blocks += -(-n // length)
         elif kind == "tail":
             part = np.digitize(row, np.cumsum(_TAIL_SHARES) * n)
         elif number == len(records) - 1:

@@ -6,6 +6,7 @@ import re
 import sqlite3
 import struct
 from collections import Counter
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -27,7 +28,7 @@ from rosbags.rosbag2 import CompressionMode
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from adk_ros.bags import Bag, BagWriter, TopicInfo, Topics, find_topics, message, open_bag, opening
-from adk_ros.bags.indexed import Indexed
+from adk_ros.bags.indexed import Indexed, NoIndex
 from adk_ros.errors import DataError, UsageError
 
 IMU, ODOMETRY, COMMAND = "/imu/data", "/odometry", "/vehicle/command"
@@ -107,6 +108,17 @@ def test_an_index_that_fails_in_an_unknown_way_is_reported(tmp_path, monkeypatch
         assert bag.message_count == 200
         (warning,) = bag.warnings
     assert "its index is not readable (KeyError: 'statistics')" in warning
+
+
+def test_an_index_without_counts_by_channel_is_not_used():
+    """They are optional in MCAP; rosbags then says that each channel has no message."""
+    reader = SimpleNamespace(
+        open=lambda: None, close=lambda: None, chunks=[1],
+        metadata=SimpleNamespace(message_count=5, start_time=0, end_time=1),
+        connections=[SimpleNamespace(id=1, msgcount=0)],
+    )  # fmt: skip
+    with pytest.raises(NoIndex):
+        Indexed(reader)
 
 
 def test_messages_that_contradict_their_index_are_skipped(tmp_path, monkeypatch):

@@ -105,6 +105,8 @@ def test_training_as_in_the_paper(capsys, tmp_path: Path) -> None:
     arguments = ["train", str(bag("handling", 60.0)), "--out", str(tmp_path / "m"), "--no-report"]
     assert "--epochs needs --paper" in refused(capsys, [*arguments, "--epochs", "1"], 2)
     arguments += ["--force"]
+    without_effect = [*arguments, "--paper", "dk", "--steps", "9", "--hidden", "8"]
+    assert "--steps, --hidden: of the default training" in refused(capsys, without_effect, 2)
     assert main([*arguments, "--paper", "dk", "--epochs", "1", "--json"]) == 0
     printed = json.loads(capsys.readouterr().out)
     assert printed["kind"] == "dk"

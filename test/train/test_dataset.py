@@ -107,6 +107,17 @@ def test_no_sequence_touches_two_parts_or_two_bags(kind: str) -> None:
     assert not (touched[VALIDATION] & touched[TEST])
 
 
+@pytest.mark.parametrize(("seconds", "count"), [(12.0, 10), (20.0, 50), (24.0, 30)])
+def test_short_recordings_have_all_parts(seconds: float, count: int) -> None:
+    """Of one or a few blocks each: the pattern goes on over the recordings."""
+    n = round(seconds / (TICK_NS * 1e-9))
+    split = split_records([drive(n, seed=k) for k in range(count)])
+    whole = seconds * count
+    assert split.seconds(TRAIN) == pytest.approx(0.7 * whole, rel=0.12)
+    assert split.seconds(VALIDATION) == pytest.approx(0.1 * whole, rel=0.5)
+    assert split.seconds(TEST) == pytest.approx(0.2 * whole, rel=0.3)
+
+
 def test_parts_return_each_row_once_and_in_order() -> None:
     split = split_records([drive(5000, name="0")])
     for part in (TRAIN, VALIDATION, TEST):

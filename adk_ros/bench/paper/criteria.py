@@ -12,6 +12,8 @@ from __future__ import annotations
 
 import re
 
+import numpy as np
+
 from adk_ros.bench.paper import oracle_notes
 from adk_ros.bench.paper.av21 import JUDGED, RecordingScores
 from adk_ros.bench.paper.cases import CLEAN
@@ -207,9 +209,11 @@ def _lost(tables: dict[str, FloatArray]) -> tuple[int, list[str]]:
         for name, table in tables.items()
         for c in range(3)
         for i in JUDGED
-        if not table[i, c] < 1.0
+        if table[i, c] >= 1.0
     ]
-    return len(tables) * 3 * len(JUDGED), lost
+    # A channel that a recording does not measure has no ratio.
+    judged = [table[list(JUDGED)] for table in tables.values()]
+    return sum(int(np.isfinite(each).sum()) for each in judged), lost
 
 
 def papers_effect(board: ScoreTable) -> dict[Combination, tuple[float, float]]:

@@ -249,7 +249,7 @@ def train_default(
         tell(0.6 * TRAINED_SHARE * step.step / step.steps)
 
     def note(what: str, done: int, total: int) -> None:
-        if what.startswith("tuning"):
+        if what.startswith("selecting"):
             tell(TRAINED_SHARE * (0.6 + 0.4 * done / max(total, 1)))
 
     cut = [piece for record in records for piece in cases.pieces(record)]

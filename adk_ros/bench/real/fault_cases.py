@@ -90,7 +90,7 @@ def pairings(bags: dict[str, list[Path]], refused: list[str]) -> Iterator[Pairin
         for path in paths:
             try:
                 contents.append((path.name, read_streams(path, RecordingOptions())))
-            except DataError as error:
+            except (DataError, UsageError) as error:
                 refused.append(str(error))
         for name, content in contents:
             middle = 0.5 * max(float(x.at_s[-1]) for x in content.streams.present())

@@ -21,7 +21,7 @@ from adk_ros.bags.recording import read_recording
 from adk_ros.bench.paper.av21 import TRAINED_ON
 from adk_ros.bench.paper.ratios import geometric_mean
 from adk_ros.bench.paper.training_jobs import BenchPlan, Outcome, TrainingJob, train_default
-from adk_ros.errors import DataError
+from adk_ros.errors import DataError, UsageError
 from adk_ros.numerics.arrays import FloatArray
 from adk_ros.signals.channels import STATE_NAMES, TICK_NS, Record
 from adk_ros.signals.score import HORIZON_STEPS
@@ -100,14 +100,14 @@ def prediction_outcomes(
         for path in paths:
             try:
                 records[path.name] = read_recording(path).record
-            except DataError as error:
+            except (DataError, UsageError) as error:
                 refused.append(f"{vehicle}, predictions: {error}")
         for trained in records:
             try:
                 for seed in range(plan.seeds):
                     tables += _tested(vehicle, trained, records, plan, seed)
                     report(done + seed + 1, count)
-            except DataError as error:
+            except (DataError, UsageError) as error:
                 refused.append(f"{vehicle}, training on {trained}: {error}")
             done += plan.seeds
     return list(_by_channel(tables))

@@ -12,12 +12,26 @@ from adk_ros.numerics.arrays import FloatArray
 
 _MIN_SCALE = 1e-6
 """Smallest scale, in the channel's unit: a constant channel must not be divided by zero."""
+_IGNORED = 1e9
+"""
+Scale of a command that the training data hold constant: large enough that the network, whose
+weights of it never had a gradient, sees none of its changes.
+"""
 
 
 def _deviation(values: FloatArray) -> FloatArray:
     """Return the standard deviations (k,) of values (n, k), one for a constant."""
-    found = values.std(axis=0)
+    return _without_zeros(values.std(axis=0))
+
+
+def _without_zeros(found: FloatArray) -> FloatArray:
+    """Return scales, 1 of a state that does not change."""
     return np.asarray(np.where(found > _MIN_SCALE, found, 1.0))
+
+
+def _command_scale(found: FloatArray) -> FloatArray:
+    """Return scales of commands; of one that did not change, nothing is known but that value."""
+    return np.asarray(np.where(found > _MIN_SCALE, found, _IGNORED))
 
 
 @dataclass(frozen=True)
@@ -47,7 +61,7 @@ class Scaling:
             x_mean=x.mean(axis=0),
             x_scale=x_scale,
             u_mean=u.mean(axis=0),
-            u_scale=np.maximum(u.std(axis=0), _MIN_SCALE),
+            u_scale=_command_scale(u.std(axis=0)),
             step_scale=_deviation(change) / x_scale,
         )
 
@@ -57,9 +71,9 @@ class Scaling:
         x_low, x_high, u_low, u_high = x.min(axis=0), x.max(axis=0), u.min(axis=0), u.max(axis=0)
         return Scaling(
             x_mean=0.5 * (x_low + x_high),
-            x_scale=np.maximum(0.5 * (x_high - x_low), _MIN_SCALE),
+            x_scale=_without_zeros(0.5 * (x_high - x_low)),
             u_mean=0.5 * (u_low + u_high),
-            u_scale=np.maximum(0.5 * (u_high - u_low), _MIN_SCALE),
+            u_scale=_command_scale(0.5 * (u_high - u_low)),
             step_scale=np.ones(3),
         )
 
