@@ -29,6 +29,11 @@ from adk_ros.train.augmented_regression import RegressionRows, solve, solve_augm
 
 _MAX_SAMPLES = 3
 """Newest samples that the forms see. Empirical, not calibrated."""
+_MAX_ROWS = 200_000
+"""
+Rows that are fitted to, 1.4 h of driving: with 136 regressors each copy of them takes 0.2 GB, and
+the forms have as many coefficients.
+"""
 _RIDGES = 1e-11, 1e-8, 1e-8
 """
 Ridge for v_x, v_y, yaw rate, per row, in units of scaled regressors. A lower one does not improve
@@ -101,6 +106,18 @@ class Rows:
     target: FloatArray
     speed: FloatArray
 
+    def thinned(self) -> Rows:
+        """Return at most `_MAX_ROWS` of the rows, evenly."""
+        kept = _kept(self.rows.size)
+        states = [values[kept] for values in self.states]
+        return Rows(self.rows[kept], states, self.target[kept], self.speed)
+
+
+def _kept(count: int) -> IntArray:
+    """Return which of `count` rows are used."""
+    every = np.linspace(0, count - 1, min(count, _MAX_ROWS))
+    return np.asarray(every.round(), dtype=np.int64)
+
 
 def fit_quadratic(
     x: FloatArray,
@@ -113,14 +130,17 @@ def fit_quadratic(
     """
     Fit the forms at `rows` of scaled `x` (n, 3), `u` (n, 2) to scaled increments `target` (n, 3).
 
-    Rows with an unknown target are left out. `augmented` rows enter the equations that the data
-    do not contradict, with a weight by their accuracy (`augmented_regression`).
+    Rows with an unknown target are left out, and evenly all above `_MAX_ROWS`. `augmented` rows
+    enter the equations that the data do not contradict, with a weight by their accuracy
+    (`augmented_regression`).
     """
     rows = rows[np.isfinite(target[rows]).all(axis=1)]
     columns = input_columns(history)
     past = [x[rows - j] for j in range(history + 1)]
     past += [u[rows - j] for j in range(history + 1)] if history else []
-    inputs = np.concatenate(past, axis=1)[:, columns]
+    whole = np.concatenate(past, axis=1)
+    kept = _kept(rows.size)
+    inputs, rows = whole[kept][:, columns], rows[kept]
     i, j = np.triu_indices(columns.size)
     phi = _regressors(inputs)
     size = np.sqrt(np.mean(np.square(phi), axis=0)) + 1e-12
@@ -131,6 +151,7 @@ def fit_quadratic(
     if augmented is None:
         solution = solve(measured, _RIDGES)
     else:
+        augmented = augmented.thinned()
         commands = [u[augmented.rows - k] for k in range(newest(history))] if history else []
         values = np.concatenate([*augmented.states, *commands], axis=1)
         made = RegressionRows(
@@ -152,7 +173,7 @@ def fit_quadratic(
     )
     linear[columns] = solution[i.size : i.size + columns.size]
     directions[columns] = eigen_directions
-    reach[:] = np.abs(np.concatenate(past, axis=1)).max(axis=0)
+    reach[:] = np.abs(whole).max(axis=0)
     reach *= np.concatenate(
         [
             np.tile(_STATE_EXTRAPOLATION, history + 1),

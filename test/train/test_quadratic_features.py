@@ -14,6 +14,7 @@ from helpers.train import drive as drive_of
 from adk_ros.model import artefact
 from adk_ros.model.lifting.encoder import input_size
 from adk_ros.train import network_fit as fit_module
+from adk_ros.train import quadratic_features
 from adk_ros.train.dataset import TRAIN, VALIDATION, split_records
 from adk_ros.train.network import Encoder, Lift
 from adk_ros.train.network_fit import fit
@@ -65,6 +66,18 @@ def test_a_quadratic_law_is_found() -> None:
         if (np.abs(given) < forms.reach)[used].all():
             made = forecast(forms, given)
             np.testing.assert_allclose(made, known(x, u, row), atol=1e-4)
+
+
+def test_a_law_is_found_from_a_part_of_many_rows(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(quadratic_features, "_MAX_ROWS", 500)
+    x, u, target = drive()
+    forms = fit_quadratic(x, u, target, np.arange(4, 2000), 4)
+    for row in range(2000, 2040):
+        expected = known(x, u, row)
+        assert forecast(forms, inputs(x, u, row, 4)) == pytest.approx(expected, abs=0.01)
+    # Its range is that of all rows.
+    reach = np.abs(x[4:2000]).max(axis=0)
+    assert forms.reach[:3] == pytest.approx(reach * np.array([1.5, 1.0, 1.5]), rel=1e-5)
 
 
 def test_the_forms_do_not_grow_outside_of_the_data() -> None:
