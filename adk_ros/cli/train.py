@@ -190,9 +190,7 @@ def _refuse_options_without_effect(context: typer.Context) -> None:
         if getattr(context.get_parameter_source(name), "name", "") == "COMMANDLINE"
     ]
     if given:
-        raise UsageError(
-            f"{', '.join(given)}: of the default training; with --paper, give --epochs alone"
-        )
+        raise UsageError(f"{', '.join(given)}: no effect with --paper: leave it out")
 
 
 @contextmanager

@@ -18,10 +18,9 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
-from adk_ros.errors import first_line, one_line
 from adk_ros.files.code_digest import code_digest
 from adk_ros.fleet.cluster import Cluster
-from adk_ros.fleet.stage_process import ATTEMPTS, Failure, Reply, StageProcess
+from adk_ros.fleet.stage_process import ATTEMPTS, Failure, Reply, StageProcess, worker_fault
 
 _QUEUED_PER_WORKER = 16
 """Tasks per worker with the scheduler: enough for tasks of 1 ms at a round trip of 10 ms."""
@@ -147,12 +146,7 @@ def _reply(future: Any) -> Reply | None:
         if not is_fault:
             return None
         # What a stage raises is a reply: this is a fault of the worker, or of its installation.
-        text = one_line(f"{type(error).__name__}: {first_line(error)}")
-        reason = (
-            f"a worker cannot run the work ({text}): install the same version of adk_ros and of "
-            "its libraries on all machines"
-        )
-        return Reply(failure=Failure.OTHER_CODE, reason=reason)
+        return worker_fault(error)
     return reply
 
 

@@ -103,15 +103,16 @@ def run_stage(
             _list_and_copy(version, recordings, hashes, found, dataset)
             return _summary(recordings, found, Counter(), 0.0)
         with cluster() as opened:
-            if wanted := _to_hash(found, limits.count):
+            if wanted := recordings_to_hash(found, limits.count):
                 _hash_recordings(wanted, opened, dataset, limits, progress)
-                hashes = dataset.content_hashes()
+                left = {(x.uri, x.version) for x in found.unhashed if x not in wanted}
+                hashes = {k: v for k, v in dataset.content_hashes().items() if k not in left}
                 found = plan(version, recordings, hashes, dataset, limits.retry_failed)
             _list_and_copy(version, recordings, hashes, found, dataset)
             return _compute(stage, version, recordings, found, opened, dataset, limits, progress)
 
 
-def _to_hash(found: Plan, count: int | None) -> Sequence[FleetRecording]:
+def recordings_to_hash(found: Plan, count: int | None) -> Sequence[FleetRecording]:
     """Return the recordings to hash: as many as may be processed, the largest first."""
     if count is None:
         return found.unhashed
@@ -281,18 +282,21 @@ def _list_and_copy(
     found: Plan,
     dataset: FleetDataset,
 ) -> None:
-    """Write what the recordings are now, and the results of copies under their names."""
+    """
+    Write what the recordings are now, and the results of copies under their names.
+
+    One that is not hashed yet has no result: what is stored of it may be of another content.
+    """
     keys = current_keys(version, recordings, hashes)
     dataset.update_listing(
         version.name,
         [
             {
                 "recording": each.name,
-                "content_hash": hashes[each.uri, each.version],
-                "key": keys[each.name],
+                "content_hash": hashes.get((each.uri, each.version), ""),
+                "key": keys.get(each.name, ""),
             }
             for each in recordings
-            if each.name in keys
         ],
     )
     if not found.copied:

@@ -203,9 +203,22 @@ def serve(descriptor: int, scratch: str) -> None:
             _remove(scratch)
             return
         except Exception as error:  # a function that this process does not have
-            connection.send(Reply(failure=Failure.OTHER_CODE, reason=_described(error)))
+            connection.send(worker_fault(error))
             continue
         connection.send(call(function, arguments))
+
+
+def worker_fault(error: Exception) -> Reply:
+    """Return why a worker cannot run any task: the run stops."""
+    text = one_line(f"{type(error).__name__}: {first_line(error)}")
+    if isinstance(error, OSError | MemoryError):
+        reason = f"a worker has no memory, processes or files left ({text}): use fewer workers"
+    else:
+        reason = (
+            f"a worker cannot run the work ({text}): install the same version of adk_ros and of "
+            "its libraries on all machines"
+        )
+    return Reply(failure=Failure.OTHER_CODE, reason=reason)
 
 
 def call(function: Callable[..., Any], arguments: Sequence[Any]) -> Reply:

@@ -90,8 +90,6 @@ def with_retries(uri: str, access: Callable[[], T], outage_s: float = OUTAGE_S) 
 
 def _refused_credentials(error: Exception) -> str:
     """Return the code of a store that refuses all access, "" of another error."""
-    if type(error).__name__ == "NoCredentialsError":
-        return "there are none"
     response = getattr(error.__cause__ or error, "response", None)
     if not isinstance(response, dict):
         return ""

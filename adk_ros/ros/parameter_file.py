@@ -24,16 +24,16 @@ def read_parameter_file(path: Path) -> tuple[dict[str, Any], list[str]]:
     """
     Return the values in a ROS parameter file (`NODE: ros__parameters: ...`), defaults elsewhere.
 
-    Also returns one warning per unknown parameter. The block is that of a node whose name ends in
-    `predictor`, or the only one in the file; one of a wildcard (`/**`) counts for all nodes. Later
-    blocks of the file override earlier ones.
+    Also returns one warning per unknown parameter, and one for blocks that are left out. The block
+    is that of the node `predictor`, or else of one whose name ends in that, or the only one in the
+    file; one of a wildcard (`/**`) counts for all nodes. Later blocks override earlier ones.
     :raises UsageError: it is not readable, holds no parameters or those of several such nodes, or
         a value does not fit.
     """
     values = defaults()
     specs = {spec.name: spec for spec in TABLE}
-    warnings = []
-    for name, value in _file_content(path).items():
+    content, warnings = _file_content(path)
+    for name, value in content.items():
         if name in specs:
             try:
                 values[name] = specs[name].convert(value)
@@ -58,7 +58,7 @@ def write_parameters(path: Path, values: Mapping[str, Any]) -> None:
     path.write_text(yaml.safe_dump(content, sort_keys=False), encoding="utf-8")
 
 
-def _file_content(path: Path) -> dict[str, Any]:
+def _file_content(path: Path) -> tuple[dict[str, Any], list[str]]:
     try:
         content = yaml.safe_load(path.read_text(encoding="utf-8"))
     except OSError as error:
@@ -66,9 +66,13 @@ def _file_content(path: Path) -> dict[str, Any]:
     except (yaml.YAMLError, ValueError, RecursionError) as error:
         # ValueError: no UTF-8, or a date or number that does not exist.
         raise UsageError(f"{path} is not YAML: {first_line(error)}") from None
-    blocks = list(_blocks(content))
+    try:
+        blocks = list(_blocks(content))
+    except RecursionError:
+        raise UsageError(f"{path} is nested too deeply, or refers to itself") from None
     nodes = list(dict.fromkeys(name for name, _ in blocks if not name.endswith("*")))
-    named = [name for name in nodes if name.endswith("predictor")]
+    named = [name for name in nodes if name.rpartition("/")[2] == "predictor"]
+    named = named or [name for name in nodes if name.endswith("predictor")]
     if not named and all(name in nodes for name, _ in blocks):
         named = nodes
     if len(named) > 1:
@@ -82,7 +86,12 @@ def _file_content(path: Path) -> dict[str, Any]:
             found |= {str(key): value for key, value in block.items()}
     if not found:
         raise UsageError(f"{path} holds no 'ros__parameters': see config/predictor.yaml")
-    return found
+    left_out = [name for name in nodes if name not in named]
+    warnings = []
+    if left_out:
+        names = ", ".join(left_out)
+        warnings.append(one_line(f"{path}: parameters of other nodes are not used ({names})"))
+    return found, warnings
 
 
 def _blocks(content: Any, node: str = "") -> Iterator[tuple[str, dict[Any, Any]]]:
@@ -91,6 +100,6 @@ def _blocks(content: Any, node: str = "") -> Iterator[tuple[str, dict[Any, Any]]
         return
     for key, value in content.items():
         if key == "ros__parameters" and isinstance(value, dict):
-            yield node, value
+            yield node.removeprefix("/"), value
         elif key != "ros__parameters":
             yield from _blocks(value, f"{node}/{key}" if node else str(key))

@@ -266,7 +266,7 @@ class _Player:
         """
         Yield messages in order, and a /clock item every `clock_ns` of bag time (0: none).
 
-        Ends early once `stopped`, and after a loop without any item.
+        Messages end once `stopped`; no loop follows one without any item.
         """
         count = 0
         while True:

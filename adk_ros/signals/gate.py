@@ -16,8 +16,8 @@ adds the difference. p is the share of good readings that is rejected if innovat
 After `confirmations` rejected readings in succession it is not single readings that are wrong. If
 they agree with each other, their level is accepted: the vehicle or the sensor has changed. The
 predictor takes over new velocities; an offset of the specific force, as of a tilted IMU, is kept
-here and added to what is expected. If they do not agree, s^2 becomes their mean square: the noise
-has grown.
+here, added to what is expected, and follows the innovations from then on. If they do not agree,
+s^2 becomes their mean square: the noise has grown.
 """
 
 from __future__ import annotations

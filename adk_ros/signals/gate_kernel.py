@@ -174,7 +174,7 @@ def _judge_reading(reading: FloatArray, chi2: float, gate: GateArrays, outcome: 
     stream, after_s, now_s = int(reading[0]), reading[1], reading[2]
     values, variances = reading[3:6], reading[6:9]
     fraction = min(max(after_s / _TICK_S, _MIN_FRACTION), _MAX_FRACTION)
-    innovation = np.empty(3)
+    innovation, exceeds = np.empty(3), np.zeros(3, dtype=np.bool_)
     worst, channel, bound = 1.0, -1, 0.0
     for c in range(3):
         e = values[c] - gate.level[stream, c] - fraction * gate.slope[stream, c]
@@ -182,6 +182,7 @@ def _judge_reading(reading: FloatArray, chi2: float, gate: GateArrays, outcome: 
         allowed = gate.mean_square[stream, c] + gate.floor[stream, c] + gate.growth[stream, c]
         if variances[c] > gate.reported[stream, c]:
             allowed += variances[c] - gate.reported[stream, c]
+        exceeds[c] = e * e > chi2 * allowed
         if e * e > worst * chi2 * allowed:
             worst, channel, bound = e * e / (chi2 * allowed), c, np.sqrt(chi2 * allowed)
     if channel < 0:
@@ -196,6 +197,11 @@ def _judge_reading(reading: FloatArray, chi2: float, gate: GateArrays, outcome: 
                 gate.mean_square[stream, c] += gain * change
             if np.isfinite(variances[c]):
                 gate.reported[stream, c] += gain * (variances[c] - gate.reported[stream, c])
+        if stream == _IMU:
+            # An accepted offset follows its cause, which may fade.
+            for c in range(2):
+                if gate.offset[c] != 0.0 and np.isfinite(innovation[c]):
+                    gate.offset[c] += gain * innovation[c]
         return ACCEPTED
     refused = gate.refused[stream]
     refused[gate.n_refused[stream]] = innovation
@@ -216,12 +222,10 @@ def _judge_reading(reading: FloatArray, chi2: float, gate: GateArrays, outcome: 
         if np.isfinite(innovation[c]):
             gate.level[stream, c] += innovation[c]
     if stream == _IMU:
-        # Of velocities, no prediction takes over an offset of the force, as of a tilted sensor.
+        # The predictor has no state for an offset of the specific force.
         for c in range(2):
-            allowed = gate.mean_square[_IMU, c] + gate.floor[_IMU, c] + gate.growth[_IMU, c]
-            mean = refused[:, c].sum() / refused.shape[0]
-            if mean * mean > chi2 * allowed:
-                gate.offset[c] += mean
+            if exceeds[c]:
+                gate.offset[c] += refused[:, c].sum() / refused.shape[0]
     return NEW_LEVEL
 
 

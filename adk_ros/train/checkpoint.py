@@ -63,8 +63,7 @@ def load(
     """
     Restore `network` and `optimiser`; return the step to resume from and the extra arrays.
 
-    Return None, with nothing changed, if `path` is not a checkpoint of this training, or was
-    written by a release whose network had other parts.
+    Return None, with nothing changed, if `path` is not a checkpoint of this training and code.
     """
     try:
         with np.load(path, allow_pickle=False) as stored:
@@ -72,8 +71,6 @@ def load(
     except (OSError, EOFError, ValueError, zipfile.BadZipFile):
         return None
     if str(arrays.get("key")) != key:
-        return None
-    if {n[4:] for n in arrays if n.startswith("net.")} != set(network.state_dict()):
         return None
     device = next(network.parameters()).device
     network.load_state_dict(

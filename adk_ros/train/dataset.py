@@ -91,8 +91,11 @@ def split_records(records: Sequence[Record], kind: str = "blocks") -> Split:
             )
             length = int(block_s / (TICK_NS * 1e-9))
             # Continued over the recordings: short ones would all train, and none of them test.
-            part = np.array(_PATTERN)[(blocks + row // length) % len(_PATTERN)]
-            blocks += -(-n // length)
+            count = max(round(n / length), 1)
+            # What is left is part of the last block: it may be short.
+            number_of_block = np.minimum(row // length, count - 1)
+            part = np.array(_PATTERN)[(blocks + number_of_block) % len(_PATTERN)]
+            blocks += count
         elif kind == "tail":
             part = np.digitize(row, np.cumsum(_TAIL_SHARES) * n)
         elif number == len(records) - 1:

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import glob
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -168,6 +169,9 @@ def train_on_split(
     artefact.save(out, built.program, model, facts)
     for path in (checkpoint, first_checkpoint):
         path.unlink(missing_ok=True)
+        for part in path.parent.glob(f"{glob.escape(path.stem)}.*.part"):
+            # Of a training that was killed while it wrote.
+            part.unlink(missing_ok=True)
     return TrainingResult(model, split, trained, test, facts)
 
 

@@ -106,7 +106,7 @@ def test_training_as_in_the_paper(capsys, tmp_path: Path) -> None:
     assert "--epochs needs --paper" in refused(capsys, [*arguments, "--epochs", "1"], 2)
     arguments += ["--force"]
     without_effect = [*arguments, "--paper", "dk", "--steps", "9", "--hidden", "8"]
-    assert "--steps, --hidden: of the default training" in refused(capsys, without_effect, 2)
+    assert "--steps, --hidden: no effect with --paper" in refused(capsys, without_effect, 2)
     assert main([*arguments, "--paper", "dk", "--epochs", "1", "--json"]) == 0
     printed = json.loads(capsys.readouterr().out)
     assert printed["kind"] == "dk"

@@ -35,7 +35,7 @@ from adk_ros.fleet.dataset import UNREADABLE, FleetDataset
 from adk_ros.fleet.engine import Task, run_tasks
 from adk_ros.fleet.plan import current_rows
 from adk_ros.fleet.recordings import content_hash, find_recordings
-from adk_ros.fleet.run import Limits, run_stage
+from adk_ros.fleet.run import Limits, hash_of_recording, run_stage
 from adk_ros.fleet.stage import version_of
 from adk_ros.fleet.stage_process import Failure, Reply, call
 
@@ -186,7 +186,7 @@ from pathlib import Path
 from helpers.fleet import TextStage
 from adk_ros.fleet.cluster import open_cluster
 from adk_ros.fleet.recordings import content_hash, find_recordings
-from adk_ros.fleet.run import Limits, run_stage
+from adk_ros.fleet.run import Limits, hash_of_recording, run_stage
 from adk_ros.shutdown import graceful_shutdown
 folder, nap_s = Path(sys.argv[1]), float(sys.argv[2])
 if __name__ == "__main__":
@@ -343,7 +343,7 @@ def test_a_store_that_does_not_answer_stops_the_run(tmp_path, monkeypatch) -> No
     monkeypatch.setattr(
         "adk_ros.fleet.run.run_tasks",
         lambda cluster, tasks, wake: (
-            (task, hashed if task.function is content_hash else gone) for task in tasks
+            (task, hashed if task.function is hash_of_recording else gone) for task in tasks
         ),
     )
     with pytest.raises(UsageError, match="does not answer"):
@@ -367,7 +367,7 @@ def test_a_file_that_a_worker_does_not_see_stops_the_run(tmp_path, monkeypatch) 
 
     def on_another_machine(cluster, tasks, wake):
         for task in tasks:
-            model.unlink(missing_ok=task.function is content_hash)
+            model.unlink(missing_ok=task.function is hash_of_recording)
             yield task, call(task.function, task.arguments)
             model.touch()
 
@@ -400,6 +400,36 @@ def run_here(monkeypatch):
         "adk_ros.fleet.run.run_tasks",
         lambda cluster, tasks, wake: ((x, call(x.function, x.arguments)) for x in tasks),
     )
+
+
+def test_a_worker_that_does_not_see_the_recordings_stops_the_run(tmp_path, monkeypatch) -> None:
+    """Half of a fleet would count as unreadable where one machine lacks the mount."""
+    recordings = text_fleet(tmp_path / "drives", {"a": "ok 1"})
+    stage, hidden = text_stage(tmp_path / "log"), tmp_path / "hidden"
+
+    def on_another_machine(cluster, tasks, wake):
+        for task in tasks:
+            (tmp_path / "drives").rename(hidden)
+            yield task, call(task.function, task.arguments)
+
+    monkeypatch.setattr("adk_ros.fleet.run.run_tasks", on_another_machine)
+    with pytest.raises(UsageError, match=r"a worker on .* does not see .*drives: put it into"):
+        run_stage(stage, recordings, tmp_path / "out", fake_cluster)
+    hidden.rename(tmp_path / "drives")
+    run_here(monkeypatch)
+    assert run_stage(stage, recordings, tmp_path / "out", fake_cluster).failures == {}
+
+
+def test_a_limit_bounds_what_is_hashed(tmp_path, monkeypatch) -> None:
+    run_here(monkeypatch)
+    recordings = text_fleet(
+        tmp_path / "drives", {name: f"ok {i}" for i, name in enumerate("abcd")}
+    )
+    out, stage = tmp_path / "out", text_stage(tmp_path / "log")
+    summary = run_stage(stage, recordings, out, fake_cluster, Limits(count=1))
+    assert (summary.computed, summary.left) == (1, 3)
+    assert len(FleetDataset(out).content_hashes()) == 1
+    assert run_stage(stage, recordings, out, fake_cluster).computed == 3
 
 
 def test_a_frame_has_the_results_of_the_last_run(tmp_path, monkeypatch) -> None:

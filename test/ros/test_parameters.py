@@ -244,12 +244,24 @@ def test_parameter_file_is_read_without_ros(tmp_path: Path) -> None:
         ("/**: {ros__parameters: {mass: 1300}}\nother: {ros__parameters: {mass: 1}}", 1300.0),
         ("/**: {ros__parameters: {mass: 1}}\npredictor: {ros__parameters: {mass: 1200}}", 1200.0),
         ("my_node: {ros__parameters: {mass: 1100}}", 1100.0),
+        (
+            "predictor: {ros__parameters: {mass: 900}}\n"
+            "trajectory_predictor: {ros__parameters: {mass: 1}}",
+            900.0,
+        ),
+        (
+            "/predictor: {ros__parameters: {mass: 1}}\npredictor: {ros__parameters: {mass: 800}}",
+            800.0,
+        ),
     ],
 )
 def test_parameters_are_those_of_the_predictor(tmp_path: Path, content: str, mass: float) -> None:
     file = tmp_path / "car.yaml"
     file.write_text(content)
-    assert read_parameter_file(file)[0]["mass"] == mass
+    values, warnings = read_parameter_file(file)
+    assert values["mass"] == mass
+    assert len(warnings) == ("other" in content or "trajectory" in content)
+    assert all("parameters of other nodes are not used" in text for text in warnings)
 
 
 def test_parameters_of_several_nodes_are_refused(tmp_path: Path) -> None:
@@ -257,6 +269,13 @@ def test_parameters_of_several_nodes_are_refused(tmp_path: Path) -> None:
     block = "{ros__parameters: {mass: 1500}}"
     file.write_text(f"car1/predictor: {block}\ncar2/predictor: {block}")
     with pytest.raises(UsageError, match=r"several nodes \(car1/predictor, car2/predictor\)"):
+        read_parameter_file(file)
+
+
+def test_a_parameter_file_that_refers_to_itself_is_refused(tmp_path: Path) -> None:
+    file = tmp_path / "car.yaml"
+    file.write_text("a: &a {b: *a}\n")
+    with pytest.raises(UsageError, match="refers to itself"):
         read_parameter_file(file)
 
 

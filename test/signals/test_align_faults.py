@@ -20,7 +20,7 @@ from helpers.signals import (
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from adk_ros.signals.align import Aligner, align_samples
+from adk_ros.signals.align import Aligner, _carried_on, align_samples
 from adk_ros.signals.channels import STANDARD_SOURCES, TICK_NS, Flag, Reading, Sample, Source
 
 S = 1_000_000_000
@@ -75,6 +75,18 @@ def test_the_force_is_integrated_until_a_longer_timeout() -> None:
     by_stamp = {s.stamp_ns: s.x for s in expected}
     off = np.array([np.subtract(s.x, by_stamp[s.stamp_ns]) for s in found])
     assert np.abs(off[:, 0]).max() < 0.25
+
+
+def test_a_velocity_is_carried_on_exactly_at_constant_force_and_yaw_rate() -> None:
+    """Braking at 8 m/s^2 in a turn: one step of Euler's is off by 5 m/s in v_y after 2 s."""
+    force, v = (-8.0, 3.0, 0.3), np.array([30.0, -0.5])
+    for _ in range(20000):
+        d = np.array([force[0] + force[2] * v[1], force[1] - force[2] * v[0]])
+        middle = v + 0.5e-4 * d
+        v = v + 1e-4 * np.array([force[0] + force[2] * middle[1], force[1] - force[2] * middle[0]])
+    assert _carried_on(30.0, -0.5, force, 2.0) == pytest.approx(v, abs=1e-5)
+    straight = _carried_on(30.0, 0.0, (-8.0, 0.0, 1e-9), 2.0)
+    assert straight == pytest.approx((14.0, 0.0), abs=1e-6)
 
 
 @pytest.mark.parametrize("source", STANDARD_SOURCES)

@@ -146,6 +146,20 @@ def test_an_offset_of_the_force_is_accepted_once() -> None:
     assert gate.accepts(Reading(Source.IMU, 309 * TICK_NS, (-0.06, 3.0, 0.3)))
 
 
+def test_an_offset_of_the_force_follows_its_cause() -> None:
+    """A bank that the car leaves over three seconds must not widen the bound for good."""
+    gate = trained()
+    rng = np.random.default_rng(4)
+    for k in range(100, 1300):
+        gate.expect(k * TICK_NS, STATE, STATE, NONE)
+        bank = 12.0 * min(max((300 - k) / 120.0, 0.0), 1.0)
+        values = (-0.06 + rng.normal(0.0, 0.3), 3.0 + bank + rng.normal(0.0, 0.3), 0.3)
+        gate.accepts(Reading(Source.IMU, k * TICK_NS, values))
+    gate.expect(1300 * TICK_NS, STATE, STATE, NONE)
+    assert not gate.accepts(Reading(Source.IMU, 1300 * TICK_NS, (-0.06, 3.0 + 8.0, 0.3)))
+    assert gate.latest[Source.IMU].expected == pytest.approx(3.0, abs=0.3)
+
+
 def test_two_publishers_do_not_add_up_to_a_new_level() -> None:
     gate = trained()
     for k in range(100, 2000):

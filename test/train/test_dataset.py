@@ -107,7 +107,7 @@ def test_no_sequence_touches_two_parts_or_two_bags(kind: str) -> None:
     assert not (touched[VALIDATION] & touched[TEST])
 
 
-@pytest.mark.parametrize(("seconds", "count"), [(12.0, 10), (20.0, 50), (24.0, 30)])
+@pytest.mark.parametrize(("seconds", "count"), [(6.5, 40), (8.0, 40), (12.0, 10), (20.0, 50)])
 def test_short_recordings_have_all_parts(seconds: float, count: int) -> None:
     """Of one or a few blocks each: the pattern goes on over the recordings."""
     n = round(seconds / (TICK_NS * 1e-9))

@@ -143,8 +143,9 @@ class BlockWindows:
             durations = np.array([block.seconds for block in group])
             ends, quota = np.cumsum(durations), self.quotas[condition]
             first = number * quota % ends[-1]
-            ahead = (ends - 0.5 * durations - first) % ends[-1]
-            drawn = np.flatnonzero(ahead < quota * (1.0 - 1e-9))
+            # A middle on the boundary of two windows is of the later one, whatever is rounded.
+            ahead = (ends - 0.5 * durations - first + 1e-9 * ends[-1]) % ends[-1]
+            drawn = np.flatnonzero(ahead < quota)
             # No condition is left out.
             chosen += [group[i] for i in (drawn if drawn.size else [int(ahead.argmin())])]
         return sorted(chosen, key=lambda block: (block.shard, block.start))

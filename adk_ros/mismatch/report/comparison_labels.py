@@ -14,7 +14,7 @@ from adk_ros.mismatch.inference.result import NONE, NOT_EXPORTED, MismatchResult
 
 SIMULATION = "simulation"
 _WITHIN_TOLERANCE = "within build tolerance"
-_NOT_CORRECTED = "not corrected"
+_NOT_CORRECTED = "uncorrected simulation"
 
 
 def residual_labels(result: MismatchResult) -> tuple[str, str]:

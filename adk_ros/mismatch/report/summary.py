@@ -22,7 +22,11 @@ from adk_ros.mismatch.inference.result import (
     MismatchResult,
     UnexplainedResidual,
 )
-from adk_ros.mismatch.library.criteria import INCONCLUSIVE_ERROR_TO_NOISE, MAX_IMPROVED_RATIO
+from adk_ros.mismatch.library.criteria import (
+    INCONCLUSIVE_ERROR_TO_NOISE,
+    MAX_IMPROVED_RATIO,
+    MAX_RAISED_RATIO,
+)
 from adk_ros.mismatch.library.features import feature
 from adk_ros.mismatch.library.parametric_features import is_transferable
 from adk_ros.mismatch.recording.sensor_log import CHANNELS, UNITS
@@ -54,7 +58,7 @@ def improvement_text(result: MismatchResult) -> str:
     if not any(math.isfinite(value) for value in result.before.values()):
         return "No prediction error could be measured: the held-out data have no motion."
     held_out = result.held_out
-    if held_out is not None and held_out.export == NOT_EXPORTED and held_out.raised:
+    if held_out is not None and held_out.export == NOT_EXPORTED and was_refused(held_out):
         return f"No corrected vehicle model is exported: {_rejection_text(held_out)}."
     name = most_improved_state(result)
     state, unit = STATES.get(name, (name, ""))
@@ -79,15 +83,25 @@ def improvement_text(result: MismatchResult) -> str:
     return f"The corrected vehicle model does not reduce {error} from {before:.2g} {unit}."
 
 
+def was_refused(held_out: HeldOutResult) -> bool:
+    """Whether there was a correction that is not exported, since it does not improve."""
+    return bool(held_out.raised) or held_out.rejected is not None
+
+
 def _rejection_text(held_out: HeldOutResult) -> str:
     """Return what the refused correction would lower and raise on held-out data."""
+    if not held_out.raised:
+        return "no part of it lowers the errors on held-out data on the whole"
     rejected = held_out.rejected or held_out.after
     ratios = {
         name: np.array(rejected[name]) / np.maximum(held_out.before[name], 1e-9)
         for name in STATES
         if np.isfinite(rejected[name]).all()
     }
-    if any(name not in ratios or ratios[name].max() <= 1.0 for name in held_out.raised):
+    # Only a part of it, with fewer tolerances, may have raised an error.
+    if any(
+        name not in ratios or ratios[name].max() <= MAX_RAISED_RATIO for name in held_out.raised
+    ):
         raised = listed([STATES[name][0] for name in held_out.raised])
         return f"it would raise the {raised} error on held-out data"
 

@@ -188,7 +188,7 @@ def test_what_a_refused_correction_lowers_and_raises_is_said() -> None:
     ) in sentence(result)
     written = as_dict(result)["fit"]["horizons"]["0.25"]
     assert written["rejected"]["yaw_rate"] == 0.0027
-    assert model_labels(result)[1] == "not corrected"
+    assert model_labels(result)[1] == "uncorrected simulation"
     assert characteristic_labels(result)[1] == "with identified effects"
 
 
@@ -202,6 +202,10 @@ def test_a_refused_correction_that_lowers_nothing_is_said() -> None:
     of_a_part = refused({"v_x": [0.1, 0.40], "v_y": [0.01, 0.02], "yaw_rate": [0.0017, 0.0019]})
     assert "it would raise the yaw rate error on held-out data." in sentence(of_a_part)
     assert "it would raise the yaw rate error on held-out data." in sentence(refused(None))
+    nothing = {"v_x": [0.1, 0.40], "v_y": [0.01, 0.02], "yaw_rate": [0.0017, 0.0019]}
+    assert "exported: no part of it lowers the errors on held-out data on the whole." in sentence(
+        refused(nothing, ())
+    )
 
 
 def test_an_underfitting_surrogate_makes_the_result_inconclusive() -> None:
