@@ -103,7 +103,8 @@ def import_recording(
 
     paths = _paths(files)
     target = Path(out)
-    check_output(target, force, bag_files(target), *paths)
+    given = [] if isinstance(map, dict) else [Path(map)]
+    check_output(target, force, bag_files(target), *paths, *given, *(Path(each) for each in dbc))
     if isinstance(map, dict):
         name, content = "map", checked_map("map", map)
     else:

@@ -10,7 +10,7 @@ from adk_ros.errors import UsageError
 from adk_ros.files.output_folder import refuse_existing
 
 _METADATA = "metadata.yaml"
-_BAG_CONTENT = (".mcap", ".db3", ".zstd", ".yaml")
+_BAG_CONTENT = (".mcap", ".db3", ".zstd")
 
 
 def bag_files(out: Path) -> tuple[str, ...]:
@@ -39,6 +39,11 @@ def check_output(
     refuse_existing(out, force, result_files=result_files)
 
 
+def _is_of_bag(file: Path) -> bool:
+    """Whether a file of a bag's folder is the bag's; a map or parameters beside it are not."""
+    return file.suffix in _BAG_CONTENT or file.name == _METADATA
+
+
 def remove_earlier_bag(out: Path) -> None:
     """
     Remove the bag at `out`, so that a new one can be written there.
@@ -53,8 +58,7 @@ def remove_earlier_bag(out: Path) -> None:
     other = [
         file.name
         for file in files
-        if file.is_dir()
-        or (file.suffix not in _BAG_CONTENT if finished else file.name != unfinished_name)
+        if file.is_dir() or (not _is_of_bag(file) if finished else file.name != unfinished_name)
     ]
     if other:
         raise UsageError(f"{out} holds more than a bag ({other[0]}): choose another --out")

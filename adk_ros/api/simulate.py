@@ -100,6 +100,7 @@ def simulate(
         drive = adk_ros.simulate("handling", duration_s=30.0)
         drive.frame["v_x"].plot()
     """
+    from adk_ros.bags.writer import check_storage
     from adk_ros.mismatch.deployment.scenario_drive import (
         position_dependent_terms,
         simulate_scenario,
@@ -111,7 +112,9 @@ def simulate(
 
     target = None if out is None else Path(out)
     if target is not None:
-        check_output(target, force, bag_files(target))
+        given = [Path(each) for each in (scenario, model) if isinstance(each, str | Path)]
+        check_output(target, force, bag_files(target), *given)
+        check_storage(storage, compression)
     loaded = load_scenario(scenario)
     report = in_stage(progress, "simulating")
     warnings = []

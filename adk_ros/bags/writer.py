@@ -23,6 +23,20 @@ from adk_ros.bags.storage import END_OF_TIME
 from adk_ros.bags.typestores import jazzy
 from adk_ros.errors import UsageError
 
+_PLUGINS = {"mcap": StoragePlugin.MCAP, "sqlite3": StoragePlugin.SQLITE3}
+
+
+def check_storage(storage: str, compression: str | None) -> None:
+    """
+    Check what `BagWriter` is to write.
+
+    :raises UsageError: storage or compression is unknown.
+    """
+    if storage not in _PLUGINS:
+        raise UsageError(f"storage {storage!r} is unknown: choose mcap or sqlite3")
+    if compression not in {None, "zstd"}:
+        raise UsageError(f"compression {compression!r} is unknown: choose zstd or none")
+
 
 class BagWriter:
     """
@@ -39,17 +53,13 @@ class BagWriter:
         self, path: Path | str, storage: str = "mcap", compression: str | None = None
     ) -> None:
         self.path = Path(path)
-        plugins = {"mcap": StoragePlugin.MCAP, "sqlite3": StoragePlugin.SQLITE3}
-        if storage not in plugins:
-            raise UsageError(f"storage {storage!r} is unknown: choose mcap or sqlite3")
-        if compression not in {None, "zstd"}:
-            raise UsageError(f"compression {compression!r} is unknown: choose zstd or none")
+        check_storage(storage, compression)
         if self.path.exists():
             raise UsageError(f"{self.path} exists already: choose another --out or remove it")
         self._connections: dict[str, Connection] = {}
         with self._usage_errors():
             self._writer: Writer | None = Writer(
-                self.path, version=9, storage_plugin=plugins[storage]
+                self.path, version=9, storage_plugin=_PLUGINS[storage]
             )
             if compression == "zstd":
                 mode = {"mcap": CompressionMode.STORAGE, "sqlite3": CompressionMode.FILE}

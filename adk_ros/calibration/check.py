@@ -181,7 +181,10 @@ def _fine(
     streams, sensors = corrected
     axles = vehicle if _AXLES.isdisjoint(assumed) else None
     timing = list(check_timing(s))
-    out = [*check_odometry_scale(s), *check_receiver(s, streams.gps_speed, sensors)]
+    out = list(check_odometry_scale(s))
+    # Both find the same scale: composed, it would count twice.
+    proposed = {name for finding in out for name in finding.parameters}
+    out += [_without(x, proposed) for x in check_receiver(s, streams.gps_speed, sensors)]
     out += [*check_course(s, streams.gps_speed, sensors), *check_yaw_rates(s), *timing]
     late = {x.name for x in timing if x.verdict is Verdict.FINDING}
     if any(name.startswith("odometry_yaw_rate") for name in late):
@@ -218,6 +221,14 @@ def _aligned(s: Signals, timing: list[Finding]) -> Signals:
     if by_accelerometer and s.a is not None:
         s = replace(s, a=np.vstack([shifted(axis, -by_accelerometer) for axis in s.a]))
     return s
+
+
+def _without(finding: Finding, names: Collection[str]) -> Finding:
+    """Return a finding that does not propose these parameters."""
+    left = {name: value for name, value in finding.parameters.items() if name not in names}
+    if len(left) == len(finding.parameters):
+        return finding
+    return replace(finding, parameters=left, remedy="" if left else "proposed by another check")
 
 
 def _unless_filtered(finding: Finding, late: set[str]) -> Finding:

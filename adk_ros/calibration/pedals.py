@@ -129,8 +129,14 @@ def map_entry(fit: PedalMap, brake_name: str, wheel_radius: float) -> str:
 def _table_text(table: ForceTable) -> str:
     rows = [_numbers(row, ".0f") for row in table.force]
     force = rows[0] if table.at is None else f"[{', '.join(rows)}]"
-    at = "" if table.at is None else f"{table.by}: {_numbers(table.at, '.4g')}, "
-    return f"{{pedal: {_numbers(table.pedal, '.4g')}, {at}force: {force}}}"
+    at = "" if table.at is None else f"{table.by}: {_four_digits(table.at)}, "
+    return f"{{pedal: {_four_digits(table.pedal)}, {at}force: {force}}}"
+
+
+def _four_digits(values: FloatArray) -> str:
+    """Return values without an exponent: YAML takes `4e+06` for a text."""
+    rounded = [float(f"{value:.4g}") + 0.0 for value in values]
+    return f"[{', '.join(np.format_float_positional(x, trim='-') for x in rounded)}]"
 
 
 def _numbers(values: FloatArray, form: str) -> str:

@@ -8,6 +8,7 @@ Both recordings may have errors of calibration; only their difference is a findi
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 
 from adk_ros.calibration.change import Change, Comparison, FaultFit, compare
@@ -115,12 +116,17 @@ def _changed_signs(known: list[Finding], seen: list[Finding]) -> list[Finding]:
     out = []
     for name in decided:
         if now[name].verdict is Verdict.FINDING:
-            if before[name].verdict is Verdict.OK or before[name].text != now[name].text:
+            if before[name].verdict is Verdict.OK or _said(before[name]) != _said(now[name]):
                 out.append(now[name])
         elif before[name].verdict is Verdict.FINDING:
             text = f"no longer so: {before[name].text}"
             out.append(Finding(name, Verdict.FINDING, text, evidence=before[name].evidence))
     return out
+
+
+def _said(finding: Finding) -> str:
+    """Return what a finding says without its estimates, which differ between recordings."""
+    return re.sub(r"-?\d+(\.\d+)?", "", finding.text)
 
 
 def _wheelbase(s: Signals) -> float:

@@ -51,6 +51,10 @@ _COARSE_TOLERANCE = 0.35
 """|ln| within which a ratio is that of a unit before anything else is known."""
 
 
+_WITH_RATIO = "joint_state"
+"""Type of the command whose steering angle is divided by `steering_ratio`."""
+
+
 def check_sign(
     streams: Streams, s: Signals, sensors: SensorConfig, wheelbase: float | None
 ) -> tuple[list[Finding], Streams, SensorConfig]:
@@ -92,12 +96,14 @@ def check_sign(
     if not texts:
         return [ok("steering", "sign and unit", evidence)], streams, sensors
     ratio = sensors.steering_ratio * factor
-    proposal = {"steering_ratio": round(ratio, 4)} if factor != 1.0 else {}
+    # Other commands state the angle of the road wheels: no parameter of theirs corrects it.
+    has_ratio = sensors.command_type == _WITH_RATIO
+    proposal = {"steering_ratio": round(ratio, 4)} if factor != 1.0 and has_ratio else {}
     command = streams.command.having(steering=streams.command["steering"] / factor)
     return (
         [found("steering", "; ".join(texts), evidence, proposal)],
         replace(streams, command=command),
-        replace(sensors, steering_ratio=ratio),
+        replace(sensors, steering_ratio=ratio) if has_ratio else sensors,
     )
 
 
@@ -169,6 +175,8 @@ def _ratio(
     ratio: Estimate, front: SteeringFit | None, sensors: SensorConfig, evidence: str
 ) -> Finding:
     proposal = {"steering_ratio": round(sensors.steering_ratio * ratio.value, 4)}
+    if sensors.command_type != _WITH_RATIO:
+        proposal = {}
     text = "steer joint angle over road-wheel angle"
     out = judged("steering_ratio", ratio, 1.0, text, evidence, parameters=proposal)
     if out.verdict is not Verdict.FINDING or front is None:

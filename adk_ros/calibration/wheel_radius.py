@@ -32,6 +32,8 @@ _MAX_SLIP_ACCEL = 1.0
 """m/s² below which a wheel rolls with less than 1 % of slip (slip stiffness of 10 to 20)."""
 _MIN_WHEEL_CORRELATION = 0.98
 """Correlation of a wheel speed with v_x; a motor or a steered joint has less. By choice."""
+_MAX_RADIUS_RATIO = 2.0
+"""Over the nominal radius, or under it; the least gear of a motor is above. By choice."""
 _REMEDY = (
     "the wheels do not agree on a radius, so none is proposed: compare the sizes and pressures of "
     "the tyres"
@@ -41,7 +43,13 @@ _REMEDY = (
 def check_joints(
     s: Signals, joints: Mapping[str, Stream], nominal: float | None
 ) -> Iterator[Finding]:
-    """Yield the wheel radius from each joint that turns with the speed."""
+    """
+    Yield the wheel radius from each joint that turns with the speed; a proposal as `check_wheels`.
+
+    A joint with a radius far from the nominal one is none of a wheel.
+    """
+    found: list[Finding] = []
+    radii: list[float] = []
     for joint, stream in joints.items():
         speed = _rolling(s, stream)
         if speed is None or s.v_x is None:
@@ -51,12 +59,28 @@ def check_joints(
         if fit is None:
             continue
         radius = fit.estimate(0)
-        title = f"joint '{joint}'"
-        finding = _judged(_NAME, radius, nominal, title, evidence)
-        if nominal is not None and finding.verdict is Verdict.FINDING:
-            parameters = {_NAME: round(radius.value, 4)}
-            finding = replace(finding, parameters=parameters, remedy="")
-        yield finding
+        if nominal is not None and not _is_of_wheel(radius.value, nominal):
+            times = nominal / radius.value
+            reason = (
+                f"joint '{joint}' turns {times:.3g} times as fast as a wheel: a motor, or no rad/s"
+            )
+            yield not_decidable(_NAME, reason, evidence)
+            continue
+        found.append(_judged(_NAME, radius, nominal, f"joint '{joint}'", evidence))
+        radii.append(radius.value)
+    yield from _proposing(found, radii)
+
+
+def _is_of_wheel(radius: float, nominal: float) -> bool:
+    return nominal / _MAX_RADIUS_RATIO < radius < nominal * _MAX_RADIUS_RATIO
+
+
+def _proposing(found: list[Finding], radii: list[float]) -> list[Finding]:
+    """Return the findings with the mean radius as proposal, if all of them deviate."""
+    if not found or any(x.verdict is not Verdict.FINDING for x in found):
+        return found
+    parameters = {_NAME: round(float(np.mean(radii)), 4)}
+    return [replace(x, parameters=parameters, remedy="") for x in found]
 
 
 def check_wheels(
@@ -91,10 +115,7 @@ def check_wheels(
         title = f"{position.replace('_', ' ')} {'axle' if position in AXLES else 'wheel'}"
         found.append(_judged(f"{_NAME}_{position}", radius, nominal, title, evidence))
         radii.append(radius.value)
-    if found and all(x.verdict is Verdict.FINDING for x in found):
-        parameters = {_NAME: round(float(np.mean(radii)), 4)}
-        found = [replace(x, parameters=parameters, remedy="") for x in found]
-    yield from found
+    yield from _proposing(found, radii)
 
 
 def _weights(s: Signals) -> FloatArray:

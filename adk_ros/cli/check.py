@@ -81,6 +81,7 @@ def check(
     Example: adk check bags/handling --vehicle imdv --out params.yaml
     """
     from adk_ros.api.check import check_recording
+    from adk_ros.api.output import check_output
     from adk_ros.api.road import check_road_path
 
     if road is not None:
@@ -91,6 +92,10 @@ def check(
             raise UsageError("--reference proposes no parameters: leave out --out and --road")
         _compare(bag, reference, vehicle, options, evidence, as_json)
         return
+    for path in (out, road):
+        if path is not None:
+            # Before the work, whose findings would be lost.
+            check_output(path, force, None, bag)
     with console.stages() as progress:
         checked = check_recording(bag, vehicle, options=options, progress=progress)
     console.note_all(checked.content.streams.notes)

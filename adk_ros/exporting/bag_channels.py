@@ -21,6 +21,7 @@ from adk_ros.signals.channels import Source
 from adk_ros.signals.commands import is_torque_estimated
 from adk_ros.signals.decode import MAX_VARIANCE
 from adk_ros.signals.frames import pose_of
+from adk_ros.signals.velocity_messages import ODOMETRY as ODOMETRY_MESSAGE
 
 _OF_SOURCE = {
     Source.IMU: (IMU, ("a_x", "a_y", "yaw_rate")),
@@ -65,7 +66,13 @@ def read_bag_channels(
         for reading, msg in reader.readings_with_messages():
             stream, names = _OF_SOURCE[reading.source]
             values = dict(zip(names, reading.values, strict=True))
-            if reading.source is Source.ODOMETRY:
+            if (
+                reading.source is Source.ODOMETRY
+                and chosen.sensors.odometry_type != ODOMETRY_MESSAGE
+            ):
+                # Wheel speeds or a velocity over ground: the yaw rate is the gyro's.
+                values = {"v_x": values["v_x"]}
+            elif reading.source is Source.ODOMETRY:
                 values = _without_unmeasured(values, msg) | _pose(msg)
             elif reading.source is Source.IMU:
                 values |= _imu_rest(msg)

@@ -33,7 +33,12 @@ def load_databases(paths: Sequence[Path]) -> Any:
     database = cantools.database.Database()
     for path in paths:
         try:
-            database.add_dbc_string(path.read_text(encoding="cp1252"))
+            content = path.read_bytes()
+            try:
+                text = content.decode("utf-8-sig")
+            except UnicodeDecodeError:
+                text = content.decode("cp1252")
+            database.add_dbc_string(text)
         except OSError as error:
             raise UsageError(f"{path}: cannot be read: {error.strerror or error}") from None
         except Exception as error:  # the parser may raise anything on a file of a stranger

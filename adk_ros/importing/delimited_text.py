@@ -99,7 +99,7 @@ def detect_layout(path: Path, options: FileMap) -> Layout:
 
     :raises UsageError, DataError: as `read_text_table`.
     """
-    text, encoding = _head(path)
+    text, encoding = _head(path, _EXAMINED_LINES + (options.header_row or 0))
     lines = text.splitlines()
     if not any(line.strip() for line in lines):
         raise DataError(f"{path}: is empty")
@@ -108,7 +108,9 @@ def detect_layout(path: Path, options: FileMap) -> Layout:
     # An unbalanced quotation mark would join lines.
     if len(rows) != len(lines):
         rows = [line.split(delimiter) for line in lines]
-    width = max(Counter(len(row) for row in rows[-max(len(rows) // 2, 1) :]), default=1)
+    # The usual one: a single row with a field more must not hide those before it.
+    lengths = Counter(len(row) for row in rows if _is_numeric(row))
+    width = lengths.most_common(1)[0][0] if lengths else 1
     first = next((i for i, row in enumerate(rows) if len(row) == width and _is_numeric(row)), None)
     if first is None:
         raise DataError(f"{path}: has no row of numbers in its first {len(rows)} rows")
@@ -136,15 +138,17 @@ def detect_layout(path: Path, options: FileMap) -> Layout:
     )
 
 
-def _head(path: Path) -> tuple[str, str]:
+def _head(path: Path, lines: int) -> tuple[str, str]:
     """Return the first lines and the encoding: UTF-8, otherwise Latin-1, which reads all."""
     try:
         with path.open("rb") as file:
-            head = b"".join(file.readline(1 << 20) for _ in range(_EXAMINED_LINES))
+            head = b"".join(file.readline(1 << 20) for _ in range(lines))
+        if head.startswith((b"\xff\xfe", b"\xfe\xff")):
+            # A line does not end after a byte of 0x0A.
+            with path.open(encoding="utf-16", errors="replace") as text:
+                return "".join(text.readline(1 << 20) for _ in range(lines)), "utf-16"
     except OSError as error:
         raise UsageError(f"{path}: cannot be read: {error.strerror or error}") from None
-    if head.startswith((b"\xff\xfe", b"\xfe\xff")):
-        return head.decode("utf-16", errors="replace"), "utf-16"
     if b"\0" in head:
         raise DataError(f"{path}: is no text file")
     try:

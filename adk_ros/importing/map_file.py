@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import Field, PlainValidator, model_validator
+from pydantic import BeforeValidator, Field, PlainValidator, model_validator
 
 from adk_ros.bags.auxiliary_topics import AXLES
 from adk_ros.calibration.pedal_map import ForceTable
@@ -71,6 +71,11 @@ class TimeMap(FileModel):
     format: str | None = None
 
 
+def _delimiter(given: Any) -> Any:
+    """Return a tab for its name, and for `\\t` in single quotes, which YAML leaves as it is."""
+    return "\t" if given in ("tab", "\\t") else given
+
+
 class FileMap(FileModel):
     """
     How to read one file, where that differs from the others or is not detected.
@@ -81,7 +86,9 @@ class FileMap(FileModel):
 
     time: TimeMap | None = None
     rows: Annotated[list[_Row], Field(min_length=2, max_length=2)] | None = None
-    delimiter: str | None = None
+    delimiter: Annotated[str, BeforeValidator(_delimiter), Field(min_length=1, max_length=1)] | (
+        None
+    ) = None
     decimal: Literal[".", ","] | None = None
     header_row: Annotated[int, Field(ge=1, le=10_000)] | None = None
 

@@ -75,7 +75,8 @@ def _table(
     def signal(number: int, **options: Any) -> Any:
         with quiet_library("asammdf"):
             try:
-                return mdf.get(group=group, index=number, **options)
+                # Else invalid samples are dropped, and columns of a group differ in length.
+                return mdf.get(group=group, index=number, ignore_invalidation_bits=True, **options)
             except Exception as error:  # as above
                 reason = first_line(error)
         raise DataError(f"{path}: a channel cannot be read: {reason}")

@@ -74,6 +74,8 @@ def propose(files: Sequence[Path], databases: Sequence[Path]) -> Proposal:
     _gyro_from_odometry(chosen)
     if not chosen:
         names = ", ".join(table.columns[0] for table in tables[:5])
+        if notes:
+            raise DataError(f"{'; '.join(dict.fromkeys(notes))}: write the map by hand")
         raise DataError(
             f"{files[0]}: no column has a known name ({names}, ...): write the map by hand, see "
             "doc/how-to/import.md"

@@ -43,6 +43,14 @@ def choose_signs(signals: Mapping[str, FloatArray], found: Findings) -> None:
                 if held.is_useful:
                     signs[name] = 1 if held.correlation > 0.0 else -1
     _flip(signs, found)
+    if (
+        "v_y" in signals
+        and "yaw_rate" in found.flipped
+        and _turning_ones(signs) <= set(found.flipped)
+    ):
+        # Axes to the right: nothing else says so of v_y.
+        found.flipped["v_y"] = "as all others that turn to the left"
+        found.doubtful_signs.add("v_y")
     if "a_x" in signals:
         held = relation(signals["a_x"], np.gradient(v, STEP_S), "a_x", (), "")
         if held.is_useful and held.correlation < 0.0:
@@ -51,6 +59,10 @@ def choose_signs(signals: Mapping[str, FloatArray], found: Findings) -> None:
             drive = relation(signals["torque"], np.gradient(v, STEP_S), "torque", (), "")
             if drive.is_useful and drive.correlation < 0.0:
                 found.flipped["torque"] = "opposite to dv_x/dt"
+
+
+def _turning_ones(signs: Mapping[str, int]) -> set[str]:
+    return {name for name in ("a_y", "delta") if name in signs}
 
 
 def _flip(signs: dict[str, int], found: Findings) -> None:
@@ -75,6 +87,10 @@ def _flip(signs: dict[str, int], found: Findings) -> None:
             found.flipped[name] = "opposite to the yaw rate"
             if not reference and len(turning) < 2:
                 found.doubtful_signs.add(name)
+    if reference == "heading" and is_gyro_wrong:
+        # A compass counts clockwise: then the heading is wrong, and the others right.
+        found.doubtful_signs |= {name for name in ("yaw_rate", *turning) if name in found.flipped}
+        found.reference = ""
     if reference == "positions" and "heading" in signs and (signs["heading"] < 0) != is_gyro_wrong:
         found.flipped["heading"] = "opposite to the turning of the positions"
 

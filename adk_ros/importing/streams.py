@@ -21,8 +21,11 @@ from adk_ros.numerics.arrays import BoolArray, FloatArray, IntArray
 _MAX_GAP_NS = 150_000_000
 """ns; gaps up to this length, or `_MAX_GAP_PERIODS`, are interpolated, as in `signals.record`."""
 _MAX_GAP_PERIODS = 2.5
-_MIN_COMPLETE = 0.5
-"""Share of rows with all channels above which the others are defects, not slower channels."""
+_MIN_COMPLETE = 0.75
+"""
+Share of rows with all channels from which on the others are defects: half as many is a channel of
+half the rate.
+"""
 _CIRCULAR = ("heading", "gps_course", "roll", "pitch")
 
 

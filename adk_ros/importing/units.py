@@ -24,7 +24,7 @@ _ALIASES = {
 }  # fmt: skip
 """Lower-case spelling of a logger -> spelling of pint. Degrees are Grad in German, not gon."""
 
-_OF_ACCELERATION = {"g": "standard_gravity", "mg": "milli standard_gravity"}
+_OF_ACCELERATION = {"g": "standard_gravity", "mg": "millistandard_gravity"}
 """In an acceleration, g is no gram."""
 
 _UNIT = re.compile(r"[^\x00-\x1f]{0,40}")
@@ -42,10 +42,10 @@ def factor_to_si(unit: str, si: str) -> float:
     spelling = canonical_unit(unit, si)
     if spelling == si:
         return 1.0
-    factor = _factor(spelling, si)
+    factor, of = _factor(spelling, si), si
     if factor is None and si == TORQUE:
-        si, factor = SHARE, _factor(spelling, SHARE)
-    if factor is not None and _is_angular(spelling) == (si in {ANGLE, RATE, DEGREE}):
+        factor, of = _factor(spelling, SHARE), SHARE
+    if factor is not None and _is_angular(spelling) == (of in {ANGLE, RATE, DEGREE}):
         return factor
     if _quantity(spelling) is None:
         raise UsageError(f"unit '{unit}' is unknown")

@@ -125,9 +125,9 @@ TABLE: tuple[ParameterSpec, ...] = (
         "steering_ratio",
         1.0,
         "Steer joint angle divided by road-wheel angle; 1: the joint is the road wheel; "
-        "negative: opposite sense of rotation.",
-        -1000.0,
-        1000.0,
+        "negative: opposite sense of rotation; of a hand wheel in degrees 57.3 times the ratio.",
+        -10000.0,
+        10000.0,
     ),
     ParameterSpec(
         "mass",

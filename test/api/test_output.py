@@ -182,3 +182,21 @@ def test_the_verbs_replace_with_force(capsys: pytest.CaptureFixture[str], tmp_pa
         assert "add --force to replace it" in printed.err
         assert main([*arguments, "--force"]) == 0
         capsys.readouterr()
+
+
+def test_force_keeps_what_lies_beside_a_bag(tmp_path: Path) -> None:
+    """A map of the import, or the parameters that adk check proposed."""
+    for name in ("metadata.yaml", "drive_0.mcap", "map.yaml"):
+        (tmp_path / name).touch()
+    with pytest.raises(adk_ros.UsageError, match=r"holds more than a bag \(map.yaml\)"):
+        remove_earlier_bag(tmp_path)
+    assert (tmp_path / "drive_0.mcap").exists()
+
+
+def test_a_wrong_storage_removes_no_bag(tmp_path: Path) -> None:
+    out = tmp_path / "drive"
+    adk_ros.simulate("handling", out, duration_s=2.0)
+    before = sorted(path.name for path in out.iterdir())
+    with pytest.raises(adk_ros.UsageError, match="storage 'foo' is unknown"):
+        adk_ros.simulate("handling", out, duration_s=2.0, storage="foo", force=True)
+    assert sorted(path.name for path in out.iterdir()) == before

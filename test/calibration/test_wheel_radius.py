@@ -17,7 +17,7 @@ from adk_ros.calibration.finding import Finding, Verdict
 from adk_ros.calibration.from_bag import BagContent, read_streams
 from adk_ros.calibration.grid import on_grid
 from adk_ros.calibration.streams import Stream
-from adk_ros.calibration.wheel_radius import check_wheels
+from adk_ros.calibration.wheel_radius import check_joints, check_wheels
 
 WHEELS = ("front_left", "front_right", "rear_left", "rear_right")
 RADIUS = VEHICLE.wheel_radius
@@ -117,3 +117,25 @@ def test_a_bend_to_one_side_is_no_other_radius(recorded: BagContent) -> None:
     for finding in check_wheels(signals, wheels, RADIUS):
         assert finding.verdict is Verdict.OK, finding.text
         assert finding.value == pytest.approx(1.0, abs=0.004)
+
+
+def test_joints_propose_a_radius_only_if_all_deviate(recorded: BagContent) -> None:
+    streams = recorded.streams
+    s = on_grid(streams, ())
+    assert s is not None
+    assert s.v_x is not None
+    nominal = VEHICLE.wheel_radius
+
+    def joint(factor: float) -> Stream:
+        assert s.v_x is not None
+        return Stream("joints", s.at_s, {"velocity": s.v_x / (factor * nominal)})
+
+    one_low = list(check_joints(s, {"a": joint(1.0), "b": joint(0.95)}, nominal))
+    assert [x.verdict for x in one_low] == [Verdict.OK, Verdict.FINDING]
+    assert not any(x.parameters for x in one_low)
+    both = list(check_joints(s, {"a": joint(0.95), "b": joint(0.95)}, nominal))
+    for each in both:
+        assert each.parameters["wheel_radius"] == pytest.approx(0.95 * nominal, rel=1e-3)
+    (motor,) = check_joints(s, {"motor": joint(1.0 / 9.0)}, nominal)
+    assert motor.verdict is Verdict.NOT_DECIDABLE
+    assert "turns 9 times as fast as a wheel" in motor.text
