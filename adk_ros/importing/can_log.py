@@ -4,8 +4,10 @@
 
 from __future__ import annotations
 
+import math
+from array import array
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -57,8 +59,7 @@ def read_can_tables(path: Path, database: Any, notes: list[str]) -> list[Table]:
     :raises DataError: the log cannot be read, or has no frame of the database.
     """
     can = optional_library("can", "CAN logs", "python-can")
-    stamps: dict[str, list[float]] = {}
-    rows: dict[str, list[dict[str, Any]]] = {}
+    found: dict[str, _Frames] = {}
     unknown: Counter[int] = Counter()
     bad: Counter[str] = Counter()
     frames = 0
@@ -81,13 +82,14 @@ def read_can_tables(path: Path, database: Any, notes: list[str]) -> list[Table]:
                 except Exception:  # as below
                     bad[message.name] += 1
                     continue
-                stamps.setdefault(message.name, []).append(frame.timestamp)
-                rows.setdefault(message.name, []).append(values)
+                if message.name not in found:
+                    found[message.name] = _Frames([signal.name for signal in message.signals])
+                found[message.name].add(frame.timestamp, values)
     except Exception as error:  # the parser may raise anything on a file of a stranger
         raise DataError(f"{path}: cannot be read as a CAN log: {first_line(error)}") from None
     if not frames:
         raise DataError(f"{path}: is empty: it has no CAN frame")
-    if not rows:
+    if not found:
         raise DataError(f"{path}: the DBC file describes none of its {len(unknown)} identifiers")
     if unknown:
         notes.append(
@@ -96,12 +98,28 @@ def read_can_tables(path: Path, database: Any, notes: list[str]) -> list[Table]:
         )
     for name, count in bad.items():
         notes.append(f"{path.name}: {count} frames of {name} cannot be decoded and are skipped")
-    return [_table(path, database, name, stamps[name], rows[name]) for name in sorted(rows)]
+    return [_table(path, database, name, found[name]) for name in sorted(found)]
 
 
-def _table(
-    path: Path, database: Any, name: str, stamps: list[float], rows: list[dict[str, Any]]
-) -> Table:
+class _Frames:
+    """
+    The frames of a message: times, s, and a column per signal, 8 bytes each.
+
+    An hour of a busy bus has millions of frames.
+    """
+
+    def __init__(self, signals: Sequence[str]) -> None:
+        self.stamps = array("d")
+        self.columns = {name: array("d") for name in signals}
+
+    def add(self, stamp_s: float, values: Mapping[str, Any]) -> None:
+        """Add a frame; a multiplexed signal is absent from some."""
+        self.stamps.append(stamp_s)
+        for name, column in self.columns.items():
+            column.append(values.get(name, math.nan))
+
+
+def _table(path: Path, database: Any, name: str, frames: _Frames) -> Table:
     signals = {signal.name: signal for signal in database.get_message_by_name(name).signals}
     columns = {f"{name}.{signal}": signal for signal in signals}
     units = {
@@ -111,14 +129,10 @@ def _table(
     }
 
     def load(wanted: Sequence[str]) -> dict[str, NDArray[Any]]:
-        # A multiplexed signal is absent from some frames.
-        return {
-            column: np.array([row.get(columns[column], np.nan) for row in rows], dtype=np.float64)
-            for column in wanted
-        }
+        return {column: np.array(frames.columns[columns[column]]) for column in wanted}
 
     def clock() -> Clock:
-        seconds = np.array(stamps, dtype=np.float64)
+        seconds = np.array(frames.stamps)
         whole = np.floor(seconds)
         stamp_ns = whole.astype(np.int64) * 10**9
         stamp_ns += np.rint((seconds - whole) * 1e9).astype(np.int64)
