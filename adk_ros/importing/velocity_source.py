@@ -36,7 +36,8 @@ from adk_ros.signals.frames import pose_of
 from adk_ros.signals.velocity_messages import ODOMETRY, ODOMETRY_TYPES
 
 _JOINTS = ODOMETRY_TYPES["wheel_joints"].msgtype
-_WHEEL_TOPIC = "/wheel_speed/"
+WHEEL_SPEED = "wheel_speed"
+_WHEEL_TOPIC = f"/{WHEEL_SPEED}/"
 """Part of the name of a topic with the speed of a wheel or axle, as `adk import` writes it; a
 namespace may come before it."""
 _MIN_MESSAGES = 10
@@ -52,24 +53,30 @@ def with_velocity_source(
 
     Unchanged, with an empty line, where odometry reports a velocity, where the options name
     another type than odometry, or where the bag has neither wheel speeds nor a satellite receiver.
+    With the type `wheel_speed` and without a topic, as a model that was trained so stores it, the
+    topics of the axle are chosen.
 
     :raises UsageError, DataError: the bag cannot be read.
     """
     sensors = options.sensors
-    if sensors.odometry_type != ODOMETRY:
+    is_axle = sensors.odometry_type == WHEEL_SPEED and options.odometry is None
+    if sensors.odometry_type != ODOMETRY and not is_axle:
         return options, ""
     with Bag(path) as bag:
         kinds = {topic.name: topic.msgtype for topic in bag.topics if topic.count}
         alternatives = [name for name, kind in kinds.items() if kind in (TWIST, _JOINTS)]
-        if not alternatives or _has_velocity(bag, options.odometry, kinds):
+        if not alternatives:
+            return options, ""
+        if not is_axle and _has_velocity(bag, options.odometry, kinds):
             return options, ""
         others = [name for name, kind in kinds.items() if kind in (IMU_TYPE, ODOMETRY_TYPE, FIX)]
         found = _read(bag, [*alternatives, *others], kinds, sensors.steer_joint)
     chosen = _of_wheels(found, options) or _of_receiver(found, options)
-    if chosen is None:
+    if chosen is None or (is_axle and chosen[0].sensors.odometry_type != WHEEL_SPEED):
         return options, ""
     changed, line = chosen
-    return changed, f"{Path(path).name}: odometry reports no velocity: {line}"
+    reason = "" if is_axle else "odometry reports no velocity: "
+    return changed, f"{Path(path).name}: {reason}{line}"
 
 
 def _has_velocity(bag: Bag, odometry: str | None, kinds: dict[str, str]) -> bool:
@@ -181,7 +188,7 @@ def _of_wheels(found: _Found, options: RecordingOptions) -> tuple[RecordingOptio
         radius, text = float(round(fit.radius.value, 5)), f"wheel radius {fit.text}"
     names = rolling.names
     joints = tuple(found.joint_of[name] for name in names if name in found.joint_of)
-    kind = "wheel_joints" if joints else "wheel_speed"
+    kind = "wheel_joints" if joints else WHEEL_SPEED
     changes: dict[str, Any] = {"odometry_type": kind, "wheel_radius": radius}
     if joints:
         changes["wheel_joints"] = joints

@@ -176,6 +176,17 @@ def test_the_topics_of_single_wheels_are_read_as_their_axle(single):
     assert "wheel radius 0.32" in line
 
 
+def test_a_model_of_wheel_speeds_reads_the_same_axle(single):
+    """As replay does, with the sensors that the model stores and no topic."""
+    sensors = SensorConfig(odometry_type="wheel_speed", wheel_radius=0.33)
+    options = read_recording(single, RecordingOptions(sensors=sensors)).options
+    used = [WHEEL_TOPICS[at] for at in ("rear_left", "rear_right")]
+    assert [options.odometry, *options.wheels] == used
+    assert options.sensors == sensors
+    named = RecordingOptions(odometry=used[0], sensors=sensors)
+    assert read_recording(single, named).options.wheels == ()
+
+
 def test_single_wheels_say_what_the_joints_of_the_same_wheels_do(single, tmp_path):
     joints = with_auxiliary_topics(
         drive(), tmp_path / "joints", without=["/odometry"], gps_factor=1.0, keeps_joints=True
