@@ -251,8 +251,11 @@ def report(
         return
     for stage in summary:
         failed = sum(stage["failed"].values())
+        same = stage["recordings"] - stage["contents"]
+        copies = f", {same} of them copies of others, or their old names" if same else ""
         console.output.print(
-            f"{stage['stage']}: {stage['recordings']} recordings, {failed} failed", markup=False
+            f"{stage['stage']}: {stage['recordings']} recordings{copies}, {failed} failed",
+            markup=False,
         )
         for name, reason in stage["reasons"].items():
             console.output.print(f"  failed: {name}: {reason}", markup=False)

@@ -471,6 +471,11 @@ def test_a_summary_reads_no_details(tmp_path, monkeypatch) -> None:
     assert (summary["recordings"], summary["failed"]) == (2, {"unusable": 1})
     assert summary["reasons"] == {"b.mcap": "b.mcap is damaged"}
     assert "details" not in columns
+    (tmp_path / "drives" / "a.mcap").rename(tmp_path / "drives" / "moved.mcap")
+    moved = find_recordings([str(tmp_path / "drives")])
+    run_stage(text_stage(tmp_path / "log"), moved, tmp_path / "out", fake_cluster)
+    (summary,) = fleet_summary(tmp_path / "out")
+    assert (summary["recordings"], summary["contents"]) == (3, 2)
     FleetDataset(tmp_path / "out").drop("text", set(FleetDataset(tmp_path / "out").done("text")))
     assert fleet_frame(tmp_path / "out", "text").empty
 

@@ -14,7 +14,9 @@ from adk_ros.fleet.dataset import LISTING, RESULT, RESULTS, FleetDataset
 from adk_ros.fleet.tags import TAGS_FILE, stored_tags
 
 _CHOSEN_BY = ["recording", "content_hash", "key", "written_s"]
-_SUMMARISED = ["recording", "status", "failure", "reason", "kind", "finding", "condition"]
+_SUMMARISED = [
+    "recording", "content_hash", "status", "failure", "reason", "kind", "finding", "condition",
+]  # fmt: skip
 
 
 def fleet_stages(out: Path | str) -> list[str]:
@@ -78,6 +80,8 @@ def fleet_summary(out: Path | str) -> list[dict[str, Any]]:
     """
     Return for each stage: recordings, failures by kind, and how often each finding occurs.
 
+    `contents`: recordings of different content; fewer where one was copied or has moved.
+
     `findings`: [kind, finding, number of recordings], the most frequent first; of checks, those
     with the verdict "finding".
     """
@@ -94,6 +98,7 @@ def fleet_summary(out: Path | str) -> list[dict[str, Any]]:
             {
                 "stage": stage,
                 "recordings": len(once),
+                "contents": int(once["content_hash"].nunique()),
                 "failed": failed["failure"].value_counts().to_dict(),
                 "reasons": dict(zip(failed["recording"], failed["reason"], strict=True)),
                 "findings": [
