@@ -154,7 +154,7 @@ def test_a_checkpoint_of_another_training_is_ignored(
         path.unlink()
 
 
-def test_the_fingerprint_tells_all_that_matters() -> None:
+def test_the_fingerprint_tells_all_that_matters(monkeypatch: pytest.MonkeyPatch) -> None:
     base = record("handling", 90.0)
     keys = {checkpoint.fingerprint(SHORT, [base])}
     for name in ("x", "u", "x_ref", "flags", "episode"):
@@ -165,6 +165,8 @@ def test_the_fingerprint_tells_all_that_matters() -> None:
     keys.add(checkpoint.fingerprint(replace(SHORT, batch=33), [base]))
     assert len(keys) == 8
     assert checkpoint.fingerprint(SHORT, [replace(base, name="moved")]) in keys
+    monkeypatch.setattr(checkpoint, "code_digest", lambda: "other code")
+    assert checkpoint.fingerprint(SHORT, [base]) not in keys
 
 
 @pytest.fixture
