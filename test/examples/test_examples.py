@@ -23,7 +23,7 @@ def run(name: str, out: Path, *arguments: object) -> str:
         capture_output=True,
         text=True,
         check=False,
-        timeout=280,
+        timeout=580,
     )
     assert process.returncode == 0, process.stderr
     return process.stdout

@@ -216,8 +216,12 @@ def test_a_driver_that_is_killed_continues(tmp_path, undisturbed, number) -> Non
     text_fleet(tmp_path / "drives", FLEET)
     stage = text_stage(tmp_path / "log")
     for _ in range(KILLS):
+        known = len(list((tmp_path / "log").glob("*")))
         process = driver(tmp_path, 0.4)
-        time.sleep(chance.uniform(4.0, 7.0))
+        # In mid-work, however long the start takes.
+        while process.poll() is None and len(list((tmp_path / "log").glob("*"))) <= known:
+            time.sleep(0.05)
+        time.sleep(chance.uniform(0.5, 1.5))
         process.send_signal(number)
         process.communicate(timeout=30)
         for path in (tmp_path / "out" / "results").rglob("*.parquet"):
@@ -228,8 +232,8 @@ def test_a_driver_that_is_killed_continues(tmp_path, undisturbed, number) -> Non
     # A killed driver loses what was running and what it had not written for a second.
     lost = sum(stage.starts().values()) - (len(FLEET) - 1)
     assert lost <= KILLS * (2 + 2 * 3), lost
-    # An interrupted one loses what was running.
-    assert number == signal.SIGKILL or lost <= KILLS * 2, lost
+    # An interrupted one loses what was running, and what began until its workers had ended.
+    assert number == signal.SIGKILL or lost <= KILLS * 4, lost
 
 
 @pytest.mark.slow(seconds=15)
@@ -556,7 +560,9 @@ def test_a_scheduler_without_workers_is_said(tmp_path) -> None:
 
     try:
         lacking = f"no worker is connected: start one with 'dask worker {running.address}'"
-        with pytest.raises(KeyboardInterrupt, match=re.escape(f"hashing 0/28, {lacking}")):
+        with pytest.raises(
+            KeyboardInterrupt, match=re.escape(f"hashing 0/{len(FLEET)}, {lacking}")
+        ):
             run(tmp_path, tmp_path / "log", partial(open_cluster, 1, running.address),
                 progress=progress)  # fmt: skip
         assert workers_of(FleetOptions(2, running.address)) == 0

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import errno
 import os
+import pickle
 import signal
 import tempfile
 import threading
@@ -146,7 +147,7 @@ def test_a_function_that_the_process_does_not_have(process) -> None:
     class Unknown:
         pass
 
-    with pytest.raises((AttributeError, TypeError)):
+    with pytest.raises((AttributeError, TypeError, pickle.PicklingError)):
         process.run(Unknown, [])
     assert process.run(abs, [-2]).value == 2
 

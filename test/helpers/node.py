@@ -268,9 +268,10 @@ def running_node(*arguments: str, **parameters: Any) -> Iterator[NodeProcess]:
 def call(session: Session, kind: Any, name: str, request: Any) -> Any:
     """Call a service of a running node once it is there, and return the response."""
     client = session.node.create_client(kind, name)
-    wait_for(session, client.service_is_ready)
+    # A node that has been changed compiles before it offers a service, or answers: a minute on a
+    # slow machine.
+    wait_for(session, client.service_is_ready, limit_s=120.0)
     future = client.call_async(request)
-    # A node that has been changed compiles before it answers: a minute on a slow machine.
     wait_for(session, future.done, limit_s=120.0)
     return future.result()
 
