@@ -72,7 +72,7 @@ class TimeMap(FileModel):
 
 
 def _delimiter(given: Any) -> Any:
-    """Return a tab for its name, and for `\\t` in single quotes, which YAML leaves as it is."""
+    """Return a tab for its name, also in single quotes, where YAML leaves the backslash."""
     return "\t" if given in ("tab", "\\t") else given
 
 

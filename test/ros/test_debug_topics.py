@@ -104,7 +104,7 @@ def test_a_running_node(tmp_path: Path) -> None:
             10,
         )
         client = session.node.create_client(SetBool, "/predictor/enable")
-        traffic = threading.Thread(target=publish_synthetic_sensors, args=(9.0,))
+        traffic = threading.Thread(target=publish_synthetic_sensors, args=(12.0,))
         traffic.start()
         spin_until(session, lambda: len(received["debug/tick_time"]) > 60)
         topics = dict(session.node.get_topic_names_and_types())
@@ -120,7 +120,8 @@ def test_a_running_node(tmp_path: Path) -> None:
         assert not any(received.values())
         assert messages[-1] == "disabled"
         done = client.call_async(SetBool.Request(data=True))
-        spin_until(session, lambda: len(received["debug/tick_time"]) > 40)
+        compared = received["debug/normalised_innovation_squared"]
+        spin_until(session, lambda: len(compared) > 40)
         traffic.join()
         assert node.end()[0] == 0
 
