@@ -48,6 +48,13 @@ class Plan:
     missing: Sequence[Work]
     unhashed: Sequence[FleetRecording] = field(default_factory=tuple)
 
+    def to_hash(self, count: int | None) -> Sequence[FleetRecording]:
+        """Return the recordings to hash if at most `count` are processed, the largest first."""
+        if count is None:
+            return self.unhashed
+        largest = sorted(self.unhashed, key=lambda each: (-each.size, each.name))
+        return largest[: max(count - len(self.missing), 0)]
+
 
 def plan(
     version: StageVersion,

@@ -105,8 +105,8 @@ def _below(uri: str) -> Iterator[FleetRecording]:
     try:
         files = with_retries(uri, listed)
     except OSError as error:
-        reason = "does not exist" if isinstance(error, FileNotFoundError) else None
-        reason = reason or error.strerror or f"cannot be read: {error}"
+        is_absent = isinstance(error, FileNotFoundError)
+        reason = "does not exist" if is_absent else f"cannot be read: {error.strerror or error}"
         raise UsageError(f"{uri} {reason}") from None
     folders: dict[str, list[tuple[str, dict[str, Any]]]] = {}
     for parent, info in files:

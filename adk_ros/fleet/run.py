@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import socket
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -13,20 +12,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from adk_ros.errors import AdkError, UsageError
+from adk_ros.errors import UsageError
 from adk_ros.fleet.cluster import Cluster
-from adk_ros.fleet.dataset import FleetDataset, checked_row, remove_unfinished
+from adk_ros.fleet.dataset import FleetDataset, remove_unfinished
 from adk_ros.fleet.engine import Task, run_tasks
 from adk_ros.fleet.plan import Plan, Work, current_keys, plan, unreadable_content
-from adk_ros.fleet.recordings import (
-    FleetRecording,
-    check_unchanged,
-    content_hash,
-    local_recording,
-)
+from adk_ros.fleet.recording_work import hash_of_recording, run_on_recording, seen_folder
+from adk_ros.fleet.recordings import FleetRecording
 from adk_ros.fleet.run_lock import run_lock
 from adk_ros.fleet.stage import Stage, StageVersion, version_of
-from adk_ros.fleet.stage_process import ENDS_RUN, Failure, NotShared, Reply
+from adk_ros.fleet.stage_process import ENDS_RUN, Failure, Reply
 
 Progress = Callable[[float, float, str], None]
 """Called with (done, total, text)."""
@@ -103,21 +98,17 @@ def run_stage(
             _list_and_copy(version, recordings, hashes, found, dataset)
             return _summary(recordings, found, Counter(), 0.0)
         with cluster() as opened:
-            if wanted := recordings_to_hash(found, limits.count):
+            if wanted := found.to_hash(limits.count):
                 _hash_recordings(wanted, opened, dataset, limits, progress)
-                left = {(x.uri, x.version) for x in found.unhashed if x not in wanted}
+                left = _identities(found.unhashed) - _identities(wanted)
                 hashes = {k: v for k, v in dataset.content_hashes().items() if k not in left}
                 found = plan(version, recordings, hashes, dataset, limits.retry_failed)
             _list_and_copy(version, recordings, hashes, found, dataset)
             return _compute(stage, version, recordings, found, opened, dataset, limits, progress)
 
 
-def recordings_to_hash(found: Plan, count: int | None) -> Sequence[FleetRecording]:
-    """Return the recordings to hash: as many as may be processed, the largest first."""
-    if count is None:
-        return found.unhashed
-    largest = sorted(found.unhashed, key=lambda each: (-each.size, each.name))
-    return largest[: max(count - len(found.missing), 0)]
+def _identities(recordings: Sequence[FleetRecording]) -> set[tuple[str, str]]:
+    return {(each.uri, each.version) for each in recordings}
 
 
 def _hash_recordings(
@@ -132,7 +123,7 @@ def _hash_recordings(
         Task(
             name,
             hash_of_recording,
-            (recording, _seen_folder(recording)),
+            (recording, seen_folder(recording)),
             limits.timeout_s,
             limits.memory_mib,
         )
@@ -174,7 +165,7 @@ def _compute(
     tasks = (
         Task(
             work.key, run_on_recording,
-            (stage, work.recordings[0], (*shared, *_seen_folder(work.recordings[0]))),
+            (stage, work.recordings[0], (*shared, *seen_folder(work.recordings[0]))),
             limits.timeout_s, limits.memory_mib,
         )
         for work in missing
@@ -193,61 +184,6 @@ def _compute(
             meter.add(work.size, reply.failure is not None)
     left = sum(len(work.recordings) for work in found.missing) - computed + len(found.unhashed)
     return _summary(recordings, found, failures, time.monotonic() - started, left, memory_mib)
-
-
-def _seen_folder(recording: FleetRecording) -> tuple[str, ...]:
-    """Return the folder that a local recording lies in, if this machine sees it."""
-    if "://" in recording.uri:
-        return ()
-    folder = Path(recording.uri).parent
-    return (str(folder),) if folder.exists() else ()
-
-
-def hash_of_recording(recording: FleetRecording, shared: Sequence[str]) -> str:
-    """
-    Return `content_hash` of a recording: what a stage process runs.
-
-    :param shared: as `run_on_recording`, and raises as that.
-    """
-    _require(shared)
-    return content_hash(recording)
-
-
-def _require(shared: Sequence[str]) -> None:
-    for each in shared:
-        if not Path(each).exists():
-            raise NotShared(
-                f"a worker on {socket.gethostname()} does not see {each}: put it into a folder "
-                "that all machines see under this path"
-            )
-
-
-def run_on_recording(
-    stage: Stage, recording: FleetRecording, shared: Sequence[str] = ()
-) -> list[dict[str, Any]]:
-    """
-    Return the rows of a stage on one recording: what a stage process runs.
-
-    Texts name the recording by its URI, not by its copy on the disk, which is removed.
-
-    :param shared: paths that the driver sees, and the worker has to see as well.
-    :raises NotShared: it does not.
-    :raises UsageError: the recording has changed since it was listed.
-    """
-    _require(shared)
-    with local_recording(recording) as path:
-
-        def named(value: Any) -> Any:
-            is_text = isinstance(value, str)
-            return value.replace(str(path), recording.uri) if is_text else value
-
-        try:
-            rows = [checked_row(row) for row in stage.run(path, recording.name)]
-        except AdkError as error:
-            error.args = (named(str(error)),)
-            raise
-        check_unchanged(recording)
-        return [{key: named(value) for key, value in row.items()} for row in rows]
 
 
 def result_rows(version: StageVersion, work: Work, reply: Reply) -> list[dict[str, Any]]:

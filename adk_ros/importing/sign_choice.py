@@ -46,7 +46,7 @@ def choose_signs(signals: Mapping[str, FloatArray], found: Findings) -> None:
     if (
         "v_y" in signals
         and "yaw_rate" in found.flipped
-        and _turning_ones(signs) <= set(found.flipped)
+        and found.flipped.keys() >= set(_turning_ones(signs))
     ):
         # Axes to the right: nothing else says so of v_y.
         found.flipped["v_y"] = "as all others that turn to the left"
@@ -61,14 +61,14 @@ def choose_signs(signals: Mapping[str, FloatArray], found: Findings) -> None:
                 found.flipped["torque"] = "opposite to dv_x/dt"
 
 
-def _turning_ones(signs: Mapping[str, int]) -> set[str]:
-    return {name for name in ("a_y", "delta") if name in signs}
+def _turning_ones(signs: Mapping[str, int]) -> list[str]:
+    return [name for name in ("a_y", "delta") if name in signs]
 
 
 def _flip(signs: dict[str, int], found: Findings) -> None:
     """Decide which of the channels that turn with the car have the wrong sign."""
     reference = "positions" if "positions" in signs else "heading" if "heading" in signs else ""
-    turning = [name for name in ("a_y", "delta") if name in signs]
+    turning = _turning_ones(signs)
     found.reference = reference
     # Without a reference, two against one.
     is_gyro_wrong = len(turning) == 2 and all(signs[name] < 0 for name in turning)

@@ -14,8 +14,8 @@ import pytest
 
 from adk_ros.errors import DataError, UsageError
 from adk_ros.fleet import store
+from adk_ros.fleet.recording_work import run_on_recording
 from adk_ros.fleet.recordings import content_hash, find_recordings, local_recording
-from adk_ros.fleet.run import run_on_recording
 from adk_ros.fleet.tags import Tags, read_tags, tags_beside, write_tags
 
 

@@ -34,8 +34,9 @@ from adk_ros.fleet.cluster import open_cluster
 from adk_ros.fleet.dataset import UNREADABLE, FleetDataset
 from adk_ros.fleet.engine import Task, run_tasks
 from adk_ros.fleet.plan import current_rows
+from adk_ros.fleet.recording_work import hash_of_recording
 from adk_ros.fleet.recordings import content_hash, find_recordings
-from adk_ros.fleet.run import Limits, hash_of_recording, run_stage
+from adk_ros.fleet.run import Limits, run_stage
 from adk_ros.fleet.stage import version_of
 from adk_ros.fleet.stage_process import Failure, Reply, call
 
@@ -186,7 +187,7 @@ from pathlib import Path
 from helpers.fleet import TextStage
 from adk_ros.fleet.cluster import open_cluster
 from adk_ros.fleet.recordings import content_hash, find_recordings
-from adk_ros.fleet.run import Limits, hash_of_recording, run_stage
+from adk_ros.fleet.run import Limits, run_stage
 from adk_ros.shutdown import graceful_shutdown
 folder, nap_s = Path(sys.argv[1]), float(sys.argv[2])
 if __name__ == "__main__":
@@ -504,7 +505,7 @@ def test_a_recording_that_could_not_be_read_is_read_again_on_demand(tmp_path, mo
             return content_hash(recording)
         raise UsageError(f"{recording.uri} cannot be read")
 
-    monkeypatch.setattr("adk_ros.fleet.run.content_hash", hashed)
+    monkeypatch.setattr("adk_ros.fleet.recording_work.content_hash", hashed)
     stage, found = CountingStage(), find_recordings([str(tmp_path / "a.mcap")])
 
     def run_again(limits):

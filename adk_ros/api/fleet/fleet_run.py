@@ -17,7 +17,7 @@ from adk_ros.fleet.cluster import open_cluster
 from adk_ros.fleet.dataset import FleetDataset
 from adk_ros.fleet.plan import plan
 from adk_ros.fleet.recordings import FleetRecording, find_recordings
-from adk_ros.fleet.run import Limits, Progress, RunSummary, recordings_to_hash, run_stage
+from adk_ros.fleet.run import Limits, Progress, RunSummary, run_stage
 from adk_ros.fleet.run_lock import run_lock
 from adk_ros.fleet.stage import Stage, version_of
 from adk_ros.fleet.tags import TAGS_FILE, TagTable, merge_tags, read_tags, tags_beside
@@ -151,7 +151,7 @@ def estimate_stage(
     dataset = FleetDataset(out)
     hashes = dataset.content_hashes()
     todo = plan(version_of(stage), found, hashes, dataset, options.limits.retry_failed)
-    unhashed = recordings_to_hash(todo, options.limits.count)
+    unhashed = todo.to_hash(options.limits.count)
     sizes = [work.size for work in todo.missing] + [each.size for each in unhashed]
     sizes = sizes[: options.limits.count]
     seconds, rate_bytes, measured = dataset.rates(stage.name)

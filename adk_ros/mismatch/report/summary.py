@@ -58,7 +58,7 @@ def improvement_text(result: MismatchResult) -> str:
     if not any(math.isfinite(value) for value in result.before.values()):
         return "No prediction error could be measured: the held-out data have no motion."
     held_out = result.held_out
-    if held_out is not None and held_out.export == NOT_EXPORTED and was_refused(held_out):
+    if held_out is not None and held_out.export == NOT_EXPORTED and _was_refused(held_out):
         return f"No corrected vehicle model is exported: {_rejection_text(held_out)}."
     name = most_improved_state(result)
     state, unit = STATES.get(name, (name, ""))
@@ -83,7 +83,7 @@ def improvement_text(result: MismatchResult) -> str:
     return f"The corrected vehicle model does not reduce {error} from {before:.2g} {unit}."
 
 
-def was_refused(held_out: HeldOutResult) -> bool:
+def _was_refused(held_out: HeldOutResult) -> bool:
     """Whether there was a correction that is not exported, since it does not improve."""
     return bool(held_out.raised) or held_out.rejected is not None
 
