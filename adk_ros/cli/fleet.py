@@ -26,7 +26,7 @@ from adk_ros.cli.fleet_options import (
     fleet_options,
 )
 from adk_ros.cli.fleet_replay import print_replay
-from adk_ros.cli.fleet_run import print_estimate
+from adk_ros.cli.fleet_run import continued_later, print_estimate
 from adk_ros.cli.fleet_train import train
 from adk_ros.cli.options import (
     CommandOption,
@@ -62,21 +62,14 @@ def _run(
 ) -> None:
     """Run a stage, or say what a run would do, and print the outcome and what `result` returns."""
     from adk_ros.api.fleet.fleet_run import estimate_fleet, run_fleet
-    from adk_ros.shutdown import TERMINATED, Terminated, graceful_shutdown
 
     if dry_run:
         estimate = estimate_fleet(stage, recordings, out, options).as_dict()
         hint = ": --limit 2 measures it" if estimate["seconds"] is None else ""
         print_estimate(estimate, as_json, hint)
         return
-    try:
-        with graceful_shutdown(), console.progress("fleet") as report:
-            summary = run_fleet(stage, recordings, out, options, report)
-    except (Terminated, KeyboardInterrupt) as stop:
-        console.note("results so far are kept: run the same command again to continue")
-        if isinstance(stop, KeyboardInterrupt):
-            raise
-        raise typer.Exit(TERMINATED) from None
+    with continued_later(), console.progress("fleet") as report:
+        summary = run_fleet(stage, recordings, out, options, report)
     found = None if result is None else result()
     if as_json:
         console.print_json(vars(summary) | ({} if found is None else found.as_dict()))

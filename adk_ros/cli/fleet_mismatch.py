@@ -23,7 +23,7 @@ from adk_ros.cli.fleet_options import (
     WorkersOption,
     fleet_options,
 )
-from adk_ros.cli.fleet_run import print_estimate
+from adk_ros.cli.fleet_run import continued_later, print_estimate
 from adk_ros.cli.options import (
     CommandOption,
     ImuOption,
@@ -183,20 +183,13 @@ def _analysed(
     simulated_with: RecordingOptions | None = None,
 ) -> FleetMismatch:
     from adk_ros.api.fleet.fleet_mismatch import fleet_mismatch
-    from adk_ros.shutdown import TERMINATED, Terminated, graceful_shutdown
 
-    try:
-        with graceful_shutdown(), console.progress("fleet") as report:
-            return fleet_mismatch(
-                simulation, recordings, out, vehicle, without_imu=without_imu,
-                recording_options=reading, simulation_options=simulated_with, reports=reports,
-                options=options, progress=report,
-            )  # fmt: skip
-    except (Terminated, KeyboardInterrupt) as stop:
-        console.note("results so far are kept: run the same command again to continue")
-        if isinstance(stop, KeyboardInterrupt):
-            raise
-        raise typer.Exit(TERMINATED) from None
+    with continued_later(), console.progress("fleet") as report:
+        return fleet_mismatch(
+            simulation, recordings, out, vehicle, without_imu=without_imu,
+            recording_options=reading, simulation_options=simulated_with, reports=reports,
+            options=options, progress=report,
+        )  # fmt: skip
 
 
 def _show(found: FleetMismatch) -> None:

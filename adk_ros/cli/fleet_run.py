@@ -1,12 +1,31 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a run of `adk fleet` would do, as text."""
+"""Runs of `adk fleet`: what one would do, as text, and what is said when one is interrupted."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
+import typer
+
 from adk_ros.cli import console
+
+
+@contextmanager
+def continued_later() -> Iterator[None]:
+    """End a run at a signal as `graceful_shutdown`, and say that its results are kept."""
+    from adk_ros.shutdown import TERMINATED, Terminated, graceful_shutdown
+
+    try:
+        with graceful_shutdown():
+            yield
+    except (Terminated, KeyboardInterrupt) as stop:
+        console.note("results so far are kept: run the same command again to continue")
+        if isinstance(stop, KeyboardInterrupt):
+            raise
+        raise typer.Exit(TERMINATED) from None
 
 
 def print_estimate(estimate: dict[str, Any], as_json: bool, further: str = "") -> None:

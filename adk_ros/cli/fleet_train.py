@@ -23,7 +23,7 @@ from adk_ros.cli.fleet_options import (
     WorkersOption,
     fleet_options,
 )
-from adk_ros.cli.fleet_run import print_estimate
+from adk_ros.cli.fleet_run import continued_later, print_estimate
 from adk_ros.cli.options import ForceOption, JsonOption, NoImuOption, ParamsOption, read_options
 from adk_ros.cli.train import noted_checkpoint, print_result
 
@@ -80,7 +80,6 @@ def train(
     from adk_ros.api.fleet.fleet_training import train_fleet
     from adk_ros.api.fleet.training_data import FleetTrainingOptions, shard_stage
     from adk_ros.api.training import check_training, validation_interval
-    from adk_ros.shutdown import TERMINATED, Terminated, graceful_shutdown
     from adk_ros.train.train_settings import TrainSettings
 
     settings = TrainSettings(
@@ -100,29 +99,23 @@ def train(
         print_estimate(estimate, as_json, f"; then {steps} training steps on this machine")
         return
     check_training(model, "blocks", 1, force)
-    try:
-        with (
-            graceful_shutdown(),
-            noted_checkpoint(model),
-            console.progress("fleet") as report,
-            console.stages() as progress,
-        ):
-            trained = train_fleet(
-                recordings,
-                out,
-                model,
-                settings=settings,
-                training=training,
-                options=options,
-                force=force,
-                fleet_progress=report,
-                progress=progress,
-            )
-    except (Terminated, KeyboardInterrupt) as stop:
-        console.note("results so far are kept: run the same command again to continue")
-        if isinstance(stop, KeyboardInterrupt):
-            raise
-        raise typer.Exit(TERMINATED) from None
+    with (
+        continued_later(),
+        noted_checkpoint(model),
+        console.progress("fleet") as report,
+        console.stages() as progress,
+    ):
+        trained = train_fleet(
+            recordings,
+            out,
+            model,
+            settings=settings,
+            training=training,
+            options=options,
+            force=force,
+            fleet_progress=report,
+            progress=progress,
+        )
     seconds = time.monotonic() - started
     if as_json:
         console.print_json({"model": str(model), "seconds": round(seconds, 1)} | trained.facts)

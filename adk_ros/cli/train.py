@@ -33,8 +33,6 @@ if TYPE_CHECKING:
     from adk_ros.bags.recording import RecordingOptions
     from adk_ros.train.network_fit import Step
 
-_PAPER_EPOCHS = 2000
-"""As in the paper."""
 _DEFAULT_TRAINING = (
     "steps", "history", "hidden", "learning_rate", "quadratic", "speed_augmentation",
     "single_track",
@@ -145,7 +143,7 @@ def train(
         _refuse_options_without_effect(context)
         settings = PaperSettings(
             acceleration=paper == "aldk",
-            epochs=_PAPER_EPOCHS if epochs is None else epochs,
+            epochs=PaperSettings.epochs if epochs is None else epochs,
             seed=seed,
             device=device,
         )
