@@ -178,12 +178,12 @@ def run_case(
     label = json.loads((case / LABEL).read_text(encoding="utf-8"))
     result = _scored(case, label, out, process, write_noise_free)
     if result.kind == "single" and result.strength <= WEAKEST and not result.failure:
-        sizes = _detectable_sizes(case, label, out / SIZES, processes or Subprocesses())
+        sizes = detectable_sizes(case, label, out / SIZES, processes or Subprocesses())
         result.detectable = detectable(label, sizes)
     return result
 
 
-def _detectable_sizes(
+def detectable_sizes(
     case: Path, label: dict[str, Any], out: Path, processes: Subprocesses
 ) -> dict[tuple[str, str], float]:
     """Return the sizes that `adk detectable` states for as much driving; empty if it fails."""
