@@ -300,14 +300,22 @@ def check_vehicle(nominal: NominalVehicle, simulation: SensorLog) -> None:
     """
     Check mass and wheel radius of the vehicle file against the simulation's torque response.
 
-    :raises DataError: the torque is in kN·m, or the implied mass differs by more than 8 %, both
-        over the whole recording and over its part of low power, which a power limit does not
-        affect. Where torque and speed do not explain the acceleration well, the mass must be
-        outside the interval, or differ by a factor of 2.5 if that is so in both.
+    :raises DataError: the torque is in kN·m or no torque at all, or the implied mass differs by
+        more than 8 %, both over the whole recording and over its part of low power, which a power
+        limit does not affect. Where torque and speed do not explain the acceleration well, the
+        mass must be outside the interval, or differ by a factor of 2.5 if that is so in both.
     """
     radius, inertia = nominal.wheel_radius, 4.0 * nominal.wheel_inertia
     check_torque_unit(simulation, nominal.mass, radius)
     overall = implied_mass(simulation, radius, inertia)
+    rotating = inertia / radius**2
+    if overall is not None and overall.value <= 0.0:
+        factor = (nominal.mass + rotating) / (overall.value + rotating)
+        raise DataError(
+            f"{simulation.name}: the commanded torque is about {_mass(factor)} times too small "
+            f"for a car of {_mass(nominal.mass)} kg, less than its wheels alone need: a pedal "
+            "position or another unit; the topic must carry the torque of all wheels in N·m"
+        )
     low_power = implied_mass(simulation, radius, inertia, _LOW_POWER_SHARE)
     masses = [] if overall is None else [overall, low_power or overall]
     is_known = any(implied.is_accurate for implied in masses)

@@ -206,6 +206,15 @@ def test_a_torque_in_kilonewton_metres_is_named() -> None:
     check_torque_unit(pedal, c.nominal.mass, c.nominal.wheel_radius)
 
 
+def test_a_pedal_of_the_simulation_is_no_negative_mass() -> None:
+    """A torque that the spin inertia of the wheels alone would consume is none."""
+    c = case()
+    with pytest.raises(DataError, match=r"about 30\d\d times too small for a car of") as error:
+        check_vehicle(c.nominal, scaled("command", 0, 1.0 / 3000.0)(c.simulation))
+    assert "a pedal position or another unit" in str(error.value)
+    assert "-" not in str(error.value)
+
+
 @pytest.mark.parametrize(
     ("factor", "said"),
     [
