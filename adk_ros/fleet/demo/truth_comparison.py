@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from adk_ros.fleet.inference.evidence import column_of
-from adk_ros.fleet.inference.fleet_result import Claim, FleetResult, PlaceClaim
+from adk_ros.fleet.inference.fleet_result import AND, Claim, FleetResult, PlaceClaim
 from adk_ros.fleet.inference.levels import TRENDS, Level, is_trend
 from adk_ros.fleet.inference.place_evidence import CELL_M
 
@@ -105,7 +105,7 @@ class _Injected:
 
     def is_tie_of(self, claim: Claim) -> bool:
         if not is_trend(self.level):
-            return self.text in claim.ties
+            return any(self.text in tie.split(AND) for tie in claim.ties)
         where = f" on in {self.level.car or 'all cars'})"
         return any(t.startswith(f"{self.effect} (") and t.endswith(where) for t in claim.ties)
 

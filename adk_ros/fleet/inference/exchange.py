@@ -7,7 +7,8 @@ A forward selection may take what resembles two effects together, such as less d
 tyres of both axles, or of two similar effects the one that was nearer before others were claimed.
 So each claim is left out in turn. What is then selected takes its place, or the most likely of a
 few other effects of its level or car, and the more likely model stays: a further parameter must
-raise the logarithm of the likelihood by the penalty of one (`criteria.PENALTY_PER_PARAMETER`).
+raise the logarithm of the likelihood by the penalty of one (`criteria.PENALTY_PER_PARAMETER`), and
+by what the inexact equation of a claim of all cars may leave (`fleet_model.inexactness`).
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from adk_ros.fleet.inference.fleet_candidates import Identity, identity
 from adk_ros.fleet.inference.fleet_model import (
     Candidate,
     FleetModel,
+    inexactness,
     likelihood,
     remaining_excess,
 )
@@ -110,8 +112,23 @@ def _without(selection: Selection, model: FleetModel, claim: Assessment) -> Flee
     if level.car:
         # Two effects imitate one of a car more often than a car has two that one imitates.
         return None
+    inexact = inexactness(selection.fleet, model, claim.candidate)
+    return likelier_pair(selection, rest, claim, least + 0.5 * inexact)
+
+
+def likelier_pair(
+    selection: Selection, rest: FleetModel, claim: Assessment, least: float
+) -> FleetModel | None:
+    """
+    Return the model with two effects of its level in place of a claim, if it is likelier.
+
+    `rest`: the model without the claim. `least`: what the logarithm of the likelihood must exceed
+    by half a parameter's penalty. The last two claims are the pair.
+    """
+    level, refused = claim.candidate.level, {identity(claim.candidate)}
+    floor = 0.5 * _LEAST_SHARE * claim.evidence
     least += 0.5 * PENALTY_PER_PARAMETER
-    pairs = selection.pairs(rest, refused, lambda other: other == level, 0.5 * floor, least)
+    pairs = selection.pairs(rest, refused, lambda other: other == level, floor, least)
     return next((both for both in pairs if likelihood(selection.fleet, both) > least), None)
 
 

@@ -148,5 +148,8 @@ def estimate_fleet(
 def _selected(selection: Selection) -> FleetModel:
     """Return the claims of a selection, exchanged and simplified, with what that leaves to add."""
     model = selection.select()
-    changed = simplified(selection, exchanged(selection, model))
-    return explaining(selection, model if changed is model else selection.select(changed))
+    likelier = exchanged(selection, model)
+    changed, replaced = simplified(selection, likelier)
+    return explaining(
+        selection, model if changed is model else selection.select(changed, replaced)
+    )

@@ -5,16 +5,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from adk_ros.fleet.inference.evidence import Columns
 from adk_ros.fleet.inference.fleet_evidence import FleetEvidence
-from adk_ros.fleet.inference.levels import CAR, Level
+from adk_ros.fleet.inference.levels import CAR, SHARED, Level
 from adk_ros.fleet.inference.mixed_model import Components, MixedModel, Term
 from adk_ros.fleet.inference.variance_components import start_components
-from adk_ros.mismatch.library.criteria import MAX_NORMALISED_LOSS
+from adk_ros.mismatch.library.criteria import MAX_NORMALISED_LOSS, MIN_GAIN_PER_NULL_EXCESS
 from adk_ros.numerics.arrays import FloatArray
 from adk_ros.numerics.bounded_quadratic import bounded_maxima
 
@@ -130,6 +130,38 @@ def remaining_excess(fleet: FleetEvidence, model: FleetModel) -> FloatArray:
     quadratic = np.einsum("ri,rij,rj->r", x, fleet.informations, x)
     gain = 2.0 * (fleet.scores * x).sum(axis=1) - quadratic
     return np.asarray(fleet.excess - gain)
+
+
+def share_equation(fleet: FleetEvidence, a: Candidate, b: Candidate) -> bool:
+    """Whether two effects act in one equation: drag leaves nothing to a yaw inertia."""
+    equations = [
+        set(fleet.columns.column(fleet.columns.effects[c.effect]).effect.equations) for c in (a, b)
+    ]
+    return bool(equations[0] & equations[1])
+
+
+def explained_by(
+    fleet: FleetEvidence, model: FleetModel, claims: Sequence[Candidate]
+) -> FloatArray:
+    """Return the loss (r,) that some claims of a model explain next to the others."""
+    left = tuple(c for c in model.claimed if not any(c is one for one in claims))
+    without = remaining_excess(fleet, replace(model, claimed=left))
+    return np.maximum(without - remaining_excess(fleet, model), 0.0)
+
+
+def inexactness(
+    fleet: FleetEvidence, model: FleetModel, claim: Candidate, others: Sequence[Candidate] = ()
+) -> float:
+    """
+    Return the loss that may remain because the equation of a claim of all cars is not exact.
+
+    The share `criteria.MIN_GAIN_PER_NULL_EXCESS` of what the claim explains in `model`; zero for a
+    claim at another level, and if any of `others` acts in other equations. What remains is the
+    same in all recordings, so that more of them do not make it chance.
+    """
+    if claim.level.kind != SHARED or not all(share_equation(fleet, claim, c) for c in others):
+        return 0.0
+    return MIN_GAIN_PER_NULL_EXCESS * float(explained_by(fleet, model, [claim]).sum())
 
 
 def likelihood(fleet: FleetEvidence, model: FleetModel) -> float:

@@ -12,10 +12,10 @@ import numpy as np
 from adk_ros.fleet.inference.assessment import Assessment
 from adk_ros.fleet.inference.evidence import Column, Columns, column_of
 from adk_ros.fleet.inference.fleet_estimate import FleetEstimate
-from adk_ros.fleet.inference.fleet_model import joint_vectors
+from adk_ros.fleet.inference.fleet_model import Candidate, joint_vectors
 from adk_ros.fleet.inference.levels import is_trend
 from adk_ros.fleet.inference.mixed_model import MixedModel, Term
-from adk_ros.fleet.inference.ties import ties_of, unclaimed
+from adk_ros.fleet.inference.ties import tied_pair, ties_of, unclaimed
 from adk_ros.mismatch.library.effect import EffectParameter
 from adk_ros.numerics.arrays import FloatArray
 from adk_ros.numerics.constants import QUANTILE_90
@@ -24,6 +24,8 @@ _NIGHT = 0.5
 """Days without a passage that separate days, by choice: half a day."""
 
 SCHEMA = 1
+AND = " and "
+"""Between the two effects of a tie that together take the place of a claim."""
 
 
 @dataclass(frozen=True)
@@ -34,7 +36,7 @@ class Claim:
     Of a parameter that enters by its reciprocal, a power limit, it is the value; no limit is 1e30.
     `evidence`: twice the logarithm of the likelihood ratio; `between_recordings` and
     `between_cars`: standard deviations of the parameter beyond noise and tolerance. `ties`: other
-    effects and levels that explain the fleet as well.
+    effects and levels that explain the fleet as well, two that do so together joined by `AND`.
     """
 
     effect: str
@@ -202,7 +204,9 @@ def fleet_result(
     for i, one in enumerate(estimate.claims):
         report(i / max(len(estimate.claims), 1), "comparing competing effects")
         ties = ties_of(selection, model, one)
-        keys = [f"{_column(fleet.columns, t.effect).effect.name} ({t.level.text})" for t in ties]
+        keys = [_tie_text(fleet.columns, t) for t in ties]
+        if pair := tied_pair(selection, model, one):
+            keys.append(AND.join(sorted(_tie_text(fleet.columns, t) for t in pair)))
         claims.append(_claim(estimate, one, tuple(dict.fromkeys(keys))))
     at = joint_vectors(fleet, model)
     return FleetResult(
@@ -229,6 +233,10 @@ def fleet_result(
         tuple((*cell.centre, count) for cell, count in estimate.visits.items()),
         selection.tests,
     )
+
+
+def _tie_text(columns: Columns, candidate: Candidate) -> str:
+    return f"{_column(columns, candidate.effect).effect.name} ({candidate.level.text})"
 
 
 def _column(columns: Columns, effect: int) -> Column:

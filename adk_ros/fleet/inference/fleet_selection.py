@@ -19,7 +19,7 @@ Afterwards all components are fitted again, and terms that are no longer signifi
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -54,13 +54,19 @@ _MOST_DROPS = 2
 class Selection(Candidates):
     """Forward selection among the candidates of a fleet."""
 
-    def select(self, start: FleetModel | None = None) -> FleetModel:
-        """Return the claimed terms of the fleet, fitted; `start`: those claimed already."""
+    def select(
+        self, start: FleetModel | None = None, replaced: Collection[Identity] = ()
+    ) -> FleetModel:
+        """
+        Return the claimed terms of the fleet, fitted.
+
+        `start`: those claimed already. `replaced`: candidates that these stand for.
+        """
         model = self._without_claims() if start is None else self.without_insignificant(start)[0]
         drops: Counter[Identity] = Counter()
         while len(model.claimed) < MAX_TERMS:
             self.progress(len(model.claimed) / MAX_TERMS, "selecting effects and levels")
-            refused = {one for one, times in drops.items() if times >= _MOST_DROPS}
+            refused = {*replaced, *(one for one, times in drops.items() if times >= _MOST_DROPS)}
             best = self.best(model, refused)
             if best is None:
                 both = self._pair_that_saves(model, refused)

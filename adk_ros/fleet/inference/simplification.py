@@ -7,7 +7,8 @@ A forward selection may take the part of an effect that another one resembles, a
 brake that drags on one side as rolling resistance and a steering offset. Two claims at one level,
 or of one car, are therefore replaced by a single candidate if that is as likely: if the logarithm
 of the likelihood falls by less than the penalty of the parameter that is saved
-(`criteria.PENALTY_PER_PARAMETER`), or if it leaves no more of the loss where they act. Tolerances
+(`criteria.PENALTY_PER_PARAMETER`) and, of a claim of all cars, by what its inexact equation may
+leave (`fleet_model.inexactness`), or if it leaves no more of the loss where they act. Tolerances
 are within their bounds in the loss only, so a pair may be more likely by what no car has. Claims
 that save nothing next to the others are dropped for the same reason.
 """
@@ -17,10 +18,11 @@ from __future__ import annotations
 from itertools import combinations
 
 from adk_ros.fleet.inference.assessment import extended
-from adk_ros.fleet.inference.fleet_candidates import identity
+from adk_ros.fleet.inference.fleet_candidates import Identity, identity
 from adk_ros.fleet.inference.fleet_model import (
     Candidate,
     FleetModel,
+    inexactness,
     likelihood,
     remaining_excess,
 )
@@ -31,13 +33,20 @@ _EXAMINED = 4
 """Single candidates that are fitted in place of a pair, those of the largest gains. By choice."""
 
 
-def simplified(selection: Selection, model: FleetModel) -> FleetModel:
-    """Return the model with pairs of claims replaced by single ones, as long as there are any."""
+def simplified(selection: Selection, model: FleetModel) -> tuple[FleetModel, set[Identity]]:
+    """
+    Return the model with pairs of claims replaced by single ones, as long as there are any.
+
+    Also what was replaced by a single claim that is less likely, but not by more than its equation
+    is inexact: next to that claim it would be added again.
+    """
+    replaced: set[Identity] = set()
     while True:
         found = _with_one_less(selection, model)
         if found is None:
-            return model
-        model = found
+            return model, replaced
+        model, inexactly = found
+        replaced |= inexactly
 
 
 def explaining(selection: Selection, model: FleetModel) -> FleetModel:
@@ -55,15 +64,18 @@ def explaining(selection: Selection, model: FleetModel) -> FleetModel:
     return model
 
 
-def _with_one_less(selection: Selection, model: FleetModel) -> FleetModel | None:
+def _with_one_less(
+    selection: Selection, model: FleetModel
+) -> tuple[FleetModel, set[Identity]] | None:
+    """Return the model with one claim less, and what only an inexact equation replaces."""
     if len(model.claimed) < 2:
         return None
     least = likelihood(selection.fleet, model) - 0.5 * PENALTY_PER_PARAMETER
     excess = remaining_excess(selection.fleet, model)
 
-    def saves(changed: FleetModel, a: Candidate, b: Candidate) -> bool:
+    def more_loss(changed: FleetModel, a: Candidate, b: Candidate) -> float:
         acts = (a.design > 0.0) | (b.design > 0.0)
-        return float((remaining_excess(selection.fleet, changed) - excess)[acts].sum()) <= 0.0
+        return float((remaining_excess(selection.fleet, changed) - excess)[acts].sum())
 
     for a, b in combinations(model.claimed, 2):
         if not _is_of_one_place(a, b):
@@ -81,8 +93,13 @@ def _with_one_less(selection: Selection, model: FleetModel) -> FleetModel | None
             if not selection.is_claimable(one):
                 continue
             changed = extended(rest, one)
-            if likelihood(selection.fleet, changed) > least or saves(changed, a, b):
-                return selection.refitted(changed)
+            reached, more = likelihood(selection.fleet, changed), more_loss(changed, a, b)
+            if reached > least or more <= 0.0:
+                return selection.refitted(changed), set()
+            inexact = inexactness(selection.fleet, changed, one.candidate, (a, b))
+            if reached > least - 0.5 * inexact and more <= inexact:
+                replaced = {identity(a), identity(b)} - {identity(one.candidate)}
+                return selection.refitted(changed), replaced
     return None
 
 

@@ -20,10 +20,11 @@ from scipy.special import ndtri
 
 from adk_ros.fleet.inference.assessment import Assessment, extended
 from adk_ros.fleet.inference.evidence import column_of
+from adk_ros.fleet.inference.exchange import likelier_pair
 from adk_ros.fleet.inference.fleet_evidence import FleetEvidence
-from adk_ros.fleet.inference.fleet_model import Candidate, FleetModel
+from adk_ros.fleet.inference.fleet_model import Candidate, FleetModel, likelihood
 from adk_ros.fleet.inference.fleet_selection import Selection
-from adk_ros.fleet.inference.levels import CAR, same_recordings
+from adk_ros.fleet.inference.levels import CAR, SHARED, same_recordings
 from adk_ros.mismatch.library.catalogue import INSEPARABLE
 from adk_ros.mismatch.library.criteria import FAMILYWISE_ERROR_RATE, SIGNIFICANT_ODDS
 from adk_ros.numerics.arrays import FloatArray
@@ -74,6 +75,20 @@ def ties_of(selection: Selection, model: FleetModel, claim: Assessment) -> list[
         if is_near and _excludes(selection, rest, one, claim):
             found.append((difference, other))
     return [*same, *(other for _, other in sorted(found, key=lambda pair: pair[0]))]
+
+
+def tied_pair(selection: Selection, model: FleetModel, claim: Assessment) -> list[Candidate]:
+    """
+    Return two effects of all cars that are likelier than a claim; none if no pair is.
+
+    Such a pair is not claimed where the inexact equation of the claim may leave the difference
+    (`fleet_model.inexactness`): headwind, or drag and rolling resistance.
+    """
+    if claim.candidate.level.kind != SHARED:
+        return []
+    rest = selection.without(model, claim.candidate)
+    both = likelier_pair(selection, rest, claim, likelihood(selection.fleet, model))
+    return [] if both is None else list(both.claimed[-2:])
 
 
 def _are_inseparable(fleet: FleetEvidence, a: Candidate, b: Candidate) -> bool:

@@ -11,7 +11,7 @@ from typing import Any
 from adk_ros.errors import UsageError
 from adk_ros.files.pages.page import render_page
 from adk_ros.files.pages.provenance import Provenance
-from adk_ros.fleet.inference.fleet_result import SCHEMA
+from adk_ros.fleet.inference.fleet_result import AND, SCHEMA
 from adk_ros.fleet.inference.place_evidence import CELL_M
 from adk_ros.mismatch.report.vocabulary import title, unit_text
 
@@ -115,7 +115,10 @@ def _is_same_claim(a: Claim, b: Claim) -> bool:
     if any(a[key] != b[key] for key in ("kind", "car", "tag", "value")):
         return False
     # A tie is "effect (level)", where a change point is fitted.
-    ties_a, ties_b = ({tie.split(" (")[0] for tie in one["ties"]} for one in (a, b))
+    ties_a, ties_b = (
+        {effect.split(" (")[0] for tie in one["ties"] for effect in tie.split(AND)}
+        for one in (a, b)
+    )
     return _has_effect_of(a, b) or b["effect"] in ties_a or a["effect"] in ties_b
 
 

@@ -84,6 +84,13 @@ def test_a_tie_counts_as_named_and_its_claim_not_as_false() -> None:
     assert (found.named, found.tied, found.false) == (1, 0, 1)
 
 
+def test_two_effects_that_are_a_tie_together_both_count_as_named() -> None:
+    effects = [injected("yaw_inertia", "shared"), injected("gyro_scale", "shared")]
+    pair = ("gyro_scale (all cars) and yaw_inertia (all cars)",)
+    found = compared(effects, [claim("payload", "shared", ties=pair)])
+    assert (found.named, found.tied, found.false) == (2, 2, 0)
+
+
 def test_a_place_is_found_where_it_is() -> None:
     assert compared([], [], (place("road_grade", (500.0, 0.0), (30.0, 30.0)),)).named == 1
     elsewhere = compared([], [], (place("road_grade", (100.0, 0.0)),))

@@ -11,20 +11,25 @@ import pytest
 
 from adk_ros.fleet.inference.assessment import Assessment, extended
 from adk_ros.fleet.inference.exchange import exchanged
+from adk_ros.fleet.inference.fleet_candidates import identity
 from adk_ros.fleet.inference.fleet_evidence import FleetEvidence
 from adk_ros.fleet.inference.fleet_model import (
     Candidate,
     FleetModel,
+    inexactness,
     likelihood,
     remaining_excess,
+    share_equation,
     strangers_of,
 )
 from adk_ros.fleet.inference.fleet_selection import Selection
 from adk_ros.fleet.inference.levels import CAR, RAMP, SHARED, STEP, Level
 from adk_ros.fleet.inference.numerical_fleet import FleetPlan, Injection, draw_fleet
 from adk_ros.fleet.inference.saved_loss import SavedLoss, best_half
-from adk_ros.fleet.inference.simplification import explaining
+from adk_ros.fleet.inference.simplification import explaining, simplified
+from adk_ros.fleet.inference.ties import tied_pair
 from adk_ros.fleet.inference.variance_components import start_components
+from adk_ros.mismatch.library.criteria import PENALTY_PER_PARAMETER
 
 
 def claimed(fleet: FleetEvidence, model: FleetModel) -> set[tuple[str, str]]:
@@ -154,6 +159,78 @@ def test_a_claim_that_saves_nothing_next_to_the_others_is_dropped() -> None:
     )
     kept = explaining(selection, selection.refitted(model))
     assert claimed(fleet, kept) == {("aero_drag.cda", "all cars")}
+
+
+DRAG, ROLLING, WIND = "aero_drag.cda", "rolling_resistance.crr", "crosswind.wind_y"
+
+
+def two_of_all_cars(
+    second: str, size: float
+) -> tuple[FleetEvidence, Selection, FleetModel, tuple[Candidate, Candidate]]:
+    """Return a fleet with a large drag and a second effect in all cars, both claimed."""
+    injections = tuple(
+        Injection(key, Level(SHARED), x) for key, x in ((DRAG, 12.0), (second, size))
+    )
+    fleet = draw_fleet(3, FleetPlan(effects=6, bias=0.0, deviation=0.05, injections=injections))
+    everywhere = np.ones(len(fleet.names))
+    a, b = (
+        Candidate(fleet.columns.effects.index(one.key), Level(SHARED), everywhere)
+        for one in injections
+    )
+    selection = Selection(fleet)
+    return fleet, selection, selection.refitted(FleetModel((a, b), {})), (a, b)
+
+
+@pytest.mark.parametrize(("size", "stays"), [(0.5, False), (3.0, True)])
+def test_what_an_inexact_equation_may_leave_is_no_second_effect(size: float, stays: bool) -> None:
+    """However likely: an equation of all cars leaves the same in all recordings."""
+    fleet, selection, both, (drag, rolling) = two_of_all_cars(ROLLING, size)
+    alone = selection.without(both, rolling)
+    allowed = inexactness(fleet, alone, drag, [rolling])
+    more = float((remaining_excess(fleet, alone) - remaining_excess(fleet, both)).sum())
+    assert (more > allowed) is stays
+    gain = likelihood(fleet, both) - likelihood(fleet, alone)
+    assert gain > PENALTY_PER_PARAMETER
+    found, replaced = simplified(selection, both)
+    names = {(DRAG, "all cars"), *([(ROLLING, "all cars")] if stays else [])}
+    assert claimed(fleet, found) == names
+    assert replaced == (set() if stays else {identity(rolling)})
+    assert claimed(fleet, selection.select(found, replaced)) == names
+
+
+def test_an_effect_in_other_equations_is_no_inexactness_of_a_claim() -> None:
+    """A drag leaves nothing to the side, however large it is."""
+    fleet, selection, both, (drag, wind) = two_of_all_cars(WIND, 0.5)
+    assert not share_equation(fleet, drag, wind)
+    assert inexactness(fleet, both, drag) > 0.0
+    assert inexactness(fleet, both, drag, [wind]) == 0.0
+    found, replaced = simplified(selection, both)
+    assert (found, replaced) == (both, set())
+
+
+def test_a_fault_of_one_car_has_no_inexactness_of_all() -> None:
+    fleet, _, both, (drag, _) = two_of_all_cars(ROLLING, 3.0)
+    level = Level(CAR, car="car02")
+    of_one = replace(drag, level=level, design=level.design(fleet))
+    assert inexactness(fleet, both, of_one) == 0.0
+
+
+def test_a_pair_that_is_likelier_than_a_claim_is_its_tie() -> None:
+    pair = tuple(
+        Injection(key, Level(SHARED), -6.0)
+        for key in ("front_tyre_stiffness.scale", "rear_tyre_stiffness.scale")
+    )
+    fleet = draw_fleet(5, FleetPlan(effects=8, bias=0.0, deviation=0.3, injections=pair))
+    selection = Selection(fleet)
+    wrong = Candidate(
+        fleet.columns.effects.index(ROLLING), Level(SHARED), np.ones(len(fleet.names))
+    )
+    model = selection.refitted(FleetModel((wrong,), {}))
+    (claim,) = selection.assessed(model)
+    tied = tied_pair(selection, model, claim)
+    assert {fleet.columns.effects[c.effect] for c in tied} == {one.key for one in pair}
+    of_car = replace(claim, candidate=replace(wrong, level=Level(CAR, car="car02")))
+    assert tied_pair(selection, model, of_car) == []
 
 
 def test_the_best_half_is_of_the_recordings_in_which_an_effect_acts() -> None:

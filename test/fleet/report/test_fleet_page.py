@@ -207,6 +207,11 @@ def test_a_comparison_knows_ties_and_places_that_touch() -> None:
         "tied: the other one is named"
     )
     assert set(rows.values()) == {"unchanged"}
+    drag["ties"] = ["rolling_resistance (all cars) and aero_drag (all cars)"]
+    assert {row[4] for row in compared_claims(before, after)} == {
+        "tied: the other one is named",
+        "unchanged",
+    }
     place["centres"] = [[x + 600.0, y] for x, y in place["centres"]]
     drag["ties"] = []
     status = sorted(row[4] for row in compared_claims(before, after))
