@@ -249,8 +249,8 @@ DEFECTS = (
     ),
     Defect(
         "foreign_steering",
-        "a foreign car, steering ratio 0.93: `none`",
-        partial(_case, plant=MULTI_BODY, seed=22, steering_ratio={"scale": 0.93}),
+        "a foreign car, steering ratio 0.93: a traceback",
+        partial(_case, plant=MULTI_BODY, seed=23, steering_ratio={"scale": 0.93}),
         lambda x: _is_claimed(x, "steering_ratio", "scale", 0.93, 0.01),
     ),
     Defect(
@@ -273,9 +273,9 @@ DEFECTS = (
     ),
     Defect(
         "rotating_inertia",
-        "rotating inertia: `none`",
-        partial(_case, "rotating_inertia"),
-        lambda x: x.verdict == "unknown" or "rotating_inertia" in x.named,
+        "rotating inertia is named with two further effects",
+        partial(_case, "rotating_inertia", plant="fourteen_dof", seed=23),
+        lambda x: x.claimed == ["rotating_inertia"],
     ),
     Defect(
         "heavy_vehicle_file",
