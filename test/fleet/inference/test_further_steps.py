@@ -63,21 +63,25 @@ def test_strangers_are_the_cars_that_are_explained_far_worse() -> None:
     assert strangers_of(fleet, usual + 9.0 * fleet.expected_loss) == ()
 
 
-def test_an_effect_that_resembles_two_is_exchanged_for_them() -> None:
-    pair = tuple(
-        Injection(key, Level(SHARED), -6.0)
-        for key in ("front_tyre_stiffness.scale", "rear_tyre_stiffness.scale")
-    )
+ROLLING, WIND = "rolling_resistance.crr", "crosswind.wind_y"
+SOFTER = {"front_tyre_stiffness.scale", "rear_tyre_stiffness.scale"}
+
+
+def one_for_two() -> tuple[FleetEvidence, Selection, FleetModel]:
+    """Return a fleet of softer tyres, in which an effect that was not injected is claimed."""
+    pair = tuple(Injection(key, Level(SHARED), -6.0) for key in sorted(SOFTER))
     fleet = draw_fleet(5, FleetPlan(effects=8, bias=0.0, deviation=0.3, injections=pair))
     selection = Selection(fleet)
-    # Wrongly claimed: an effect that was not injected.
-    wrong = fleet.columns.effects.index("rolling_resistance.crr")
-    model = FleetModel(
-        (Candidate(wrong, Level(SHARED), np.ones(len(fleet.names))),),
-        {wrong: (float(start_components(1).tau[0]), 0.1)},
-    )
-    found = selection.select(exchanged(selection, selection.refitted(model)))
-    assert claimed(fleet, found) == {(one.key, "all cars") for one in pair}
+    wrong = fleet.columns.effects.index(ROLLING)
+    claim = Candidate(wrong, Level(SHARED), np.ones(len(fleet.names)))
+    components = {wrong: (float(start_components(1).tau[0]), 0.1)}
+    return fleet, selection, selection.refitted(FleetModel((claim,), components))
+
+
+def test_an_effect_that_resembles_two_is_exchanged_for_them() -> None:
+    fleet, selection, model = one_for_two()
+    found = selection.select(exchanged(selection, model))
+    assert claimed(fleet, found) == {(key, "all cars") for key in SOFTER}
 
 
 def test_a_claim_is_exchanged_for_a_likelier_one_of_less_evidence() -> None:
@@ -161,7 +165,7 @@ def test_a_claim_that_saves_nothing_next_to_the_others_is_dropped() -> None:
     assert claimed(fleet, kept) == {("aero_drag.cda", "all cars")}
 
 
-DRAG, ROLLING, WIND = "aero_drag.cda", "rolling_resistance.crr", "crosswind.wind_y"
+DRAG = "aero_drag.cda"
 
 
 def two_of_all_cars(
@@ -216,20 +220,11 @@ def test_a_fault_of_one_car_has_no_inexactness_of_all() -> None:
 
 
 def test_a_pair_that_is_likelier_than_a_claim_is_its_tie() -> None:
-    pair = tuple(
-        Injection(key, Level(SHARED), -6.0)
-        for key in ("front_tyre_stiffness.scale", "rear_tyre_stiffness.scale")
-    )
-    fleet = draw_fleet(5, FleetPlan(effects=8, bias=0.0, deviation=0.3, injections=pair))
-    selection = Selection(fleet)
-    wrong = Candidate(
-        fleet.columns.effects.index(ROLLING), Level(SHARED), np.ones(len(fleet.names))
-    )
-    model = selection.refitted(FleetModel((wrong,), {}))
+    fleet, selection, model = one_for_two()
     (claim,) = selection.assessed(model)
     tied = tied_pair(selection, model, claim)
-    assert {fleet.columns.effects[c.effect] for c in tied} == {one.key for one in pair}
-    of_car = replace(claim, candidate=replace(wrong, level=Level(CAR, car="car02")))
+    assert {fleet.columns.effects[c.effect] for c in tied} == SOFTER
+    of_car = replace(claim, candidate=replace(claim.candidate, level=Level(CAR, car="car02")))
     assert tied_pair(selection, model, of_car) == []
 
 
