@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from adk_ros.mismatch.inference.block_scores import block_of_rows
 from adk_ros.mismatch.inference.hypothesis import ActiveEffect, Hypothesis, inactive_effect
 from adk_ros.mismatch.inference.likelihood import Likelihood
 from adk_ros.mismatch.surrogate.activation import ALWAYS_ACTIVE, Activation
-from adk_ros.numerics.arrays import FloatArray, IntArray
+from adk_ros.numerics.arrays import BoolArray, FloatArray, IntArray
 from adk_ros.numerics.levenberg_marquardt import huber_root, huber_values
 
 
@@ -45,6 +45,16 @@ class Linearisation:
         """The score (d,) in absolute coordinates: -J^T W e + H x0."""
         return np.asarray(
             -self.jacobian.T @ self.residuals + self.jacobian.T @ (self.jacobian @ self.point)
+        )
+
+    def of_rows(self, kept: BoolArray) -> Linearisation:
+        """Return the linearisation with some rows (m,) alone; the others count as missing."""
+        return replace(
+            self,
+            residuals=np.where(kept, self.residuals, 0.0),
+            jacobian=np.where(kept[:, None], self.jacobian, 0.0),
+            loss=float(huber_values(self.unweighted[kept]).sum()),
+            unweighted=np.where(kept, self.unweighted, 0.0),
         )
 
     def block_scores(self, at: FloatArray) -> FloatArray:

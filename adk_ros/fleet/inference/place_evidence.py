@@ -15,7 +15,7 @@ so that the score at any estimate of the fleet follows without the recording.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -34,7 +34,7 @@ from adk_ros.fleet.inference.linearisation import Linearisation, effect_column
 from adk_ros.mismatch.inference.hypothesis import ActiveEffect
 from adk_ros.mismatch.inference.likelihood import Likelihood
 from adk_ros.mismatch.surrogate.residuals import ResidualProblem
-from adk_ros.numerics.arrays import FloatArray, IntArray
+from adk_ros.numerics.arrays import BoolArray, FloatArray, IntArray
 from adk_ros.numerics.levenberg_marquardt import huber_root
 
 CELL_M = 60.0
@@ -43,6 +43,8 @@ choice."""
 DIRECTIONS = 8
 _MIN_BINS = 25
 """Least bins in a cell that count: 1 s."""
+_LEAST_LEFT = 0.5
+"""Share of a recording away from places, below which all of it counts. By choice."""
 
 
 @dataclass(frozen=True)
@@ -131,6 +133,29 @@ def in_cells(problem: ResidualProblem, cells: Sequence[Cell]) -> FloatArray:
     return inside.astype(np.float64)
 
 
+def away_from(problem: ResidualProblem, cells: Collection[Cell]) -> BoolArray:
+    """
+    Return which bins (n,) are neither in any of these cells nor in one next to it.
+
+    An effect begins and ends within a cell, at a blend of its own: what one size per cell leaves
+    there is nothing else. All bins, if that would leave less than `_LEAST_LEFT` of them.
+    """
+    at = _cells_of_bins(problem)
+    inside = np.zeros(len(at), dtype=bool)
+    for x, y, direction in np.unique(at, axis=0).tolist():
+        here = Cell(x, y, direction)
+        if here in cells or any(here.is_next_to(cell) for cell in cells):
+            inside |= (at == (x, y, direction)).all(axis=1)
+    return ~inside if inside.mean() <= 1.0 - _LEAST_LEFT else np.ones(len(at), dtype=bool)
+
+
+def _cells_of_bins(problem: ResidualProblem) -> IntArray:
+    """Return the cell (n, 3) of the middle of each bin."""
+    return cells_along(
+        np.column_stack([problem.binned(problem.pose[:, i].copy()) for i in range(3)])
+    )
+
+
 def place_rows(
     name: str,
     likelihood: Likelihood,
@@ -165,8 +190,7 @@ def place_rows(
     )
     derivatives[residuals == 0.0] = 0.0
     bins = problem.bins
-    middle = np.column_stack([problem.binned(problem.pose[:, i].copy()) for i in range(3)])
-    at = cells_along(middle)
+    at = _cells_of_bins(problem)
     corrected = linear.residuals - linear.jacobian @ linear.point
     counted = (likelihood.weights > 0.0).any(axis=0)
     rows: list[Row] = []

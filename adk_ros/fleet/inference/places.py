@@ -113,9 +113,9 @@ class PlaceData:
     def correction(
         self, places: Sequence[Place], known: Sequence[Place], shape: tuple[int, ...]
     ) -> FloatArray:
-        """Return what the effects at places, beyond `known` ones, add to the scores (r, d)."""
+        """Return what new effects at places add to the scores (r, d)."""
         out = np.zeros(shape)
-        for key, cell, size in _changes(places, known):
+        for key, cell, size in _new(places, known):
             visits = self.cells.get(cell)
             if visits is not None:
                 k = self.keys.index(key)
@@ -125,9 +125,9 @@ class PlaceData:
     def saved_loss(
         self, places: Sequence[Place], known: Sequence[Place], recordings: int
     ) -> FloatArray:
-        """Return the loss (r,) that the effects at places, beyond `known` ones, save."""
+        """Return the loss (r,) that new effects at places save."""
         out = np.zeros(recordings)
-        for key, cell, size in _changes(places, known):
+        for key, cell, size in _new(places, known):
             visits = self.cells.get(cell)
             if visits is not None:
                 k = self.keys.index(key)
@@ -309,13 +309,15 @@ def _rank(test: CellTest) -> tuple[float, float]:
     return p_value(test), -test.gain
 
 
-def _changes(places: Sequence[Place], known: Sequence[Place]) -> list[tuple[str, Cell, float]]:
-    """Return key, cell and size by which effects at places differ from known ones."""
-    sizes = {(place.key, place.cells): -place.size for place in known}
-    for place in places:
-        pair = (place.key, place.cells)
-        sizes[pair] = sizes.get(pair, 0.0) + place.size
-    return [(key, cell, size) for (key, cells), size in sizes.items() for cell in cells]
+def _new(places: Sequence[Place], known: Sequence[Place]) -> list[tuple[str, Cell, float]]:
+    """
+    Return key, cell and size of the effects at places that are not known.
+
+    Recordings have no evidence of known places themselves (`place_evidence.away_from`).
+    """
+    before = {(place.key, place.cells) for place in known}
+    new = [place for place in places if (place.key, place.cells) not in before]
+    return [(place.key, cell, place.size) for place in new for cell in place.cells]
 
 
 def _is_near(cell: Cell, other: Cell) -> bool:

@@ -20,7 +20,7 @@ from adk_ros.fleet.inference.evidence import (
 )
 from adk_ros.fleet.inference.fleet_simulation import FleetSimulation
 from adk_ros.fleet.inference.linearisation import Linearisation, effects_at, linearised
-from adk_ros.fleet.inference.place_evidence import Cell, in_cells, place_rows
+from adk_ros.fleet.inference.place_evidence import Cell, away_from, in_cells, place_rows
 from adk_ros.mismatch.inference.hypothesis import ActiveEffect
 from adk_ros.mismatch.inference.likelihood import Likelihood
 from adk_ros.mismatch.inference.observability import is_torque
@@ -70,11 +70,15 @@ def evidence_rows(
     linear = linearised(likelihood, simulation.columns, columns, values, placed=placed)
     name = recording.name if name is None else name
     counted = (likelihood.weights > 0.0).any(axis=0)
-    expected = likelihood.expected_loss(linear.residuals)
+    whole = max(int(counted.sum()), 1)
     rows: list[Row] = []
     unplaced = begins_at_origin(recording)
     if likelihood.problem.log.length_scale == 1.0 and not unplaced:
         rows = place_rows(name, likelihood, linear, values, columns, placed)
+        away = away_from(likelihood.problem, {cell for one in local for cell in one.cells})
+        kept = np.ones(linear.residuals.size, dtype=bool)
+        kept[: 6 * away.size] = np.tile(away, 6)
+        linear, counted = linear.of_rows(kept), counted & away
     evidence = Evidence(
         name,
         RECORDING,
@@ -85,7 +89,7 @@ def evidence_rows(
         start_ns=recording.start_ns,
         dispersion=dispersion(linear, simulation.columns),
         loss=linear.loss,
-        expected_loss=expected,
+        expected_loss=likelihood.expected_loss(linear.residuals, float(counted.sum()) / whole),
         point=linear.point,
         blocks=int(np.unique(linear.block[linear.residuals != 0.0]).size),
     )

@@ -132,14 +132,14 @@ class Likelihood:
             until_s,
         )
 
-    def expected_loss(self, residuals: FloatArray) -> float:
+    def expected_loss(self, residuals: FloatArray, share: float = 1.0) -> float:
         """
         Return an upper estimate of a perfect model's loss.
 
         One per whitened residual, plus the surrogate error once more: on another route it may be
-        twice as large as in the simulation.
+        twice as large as in the simulation. `share`: of the data from which the residuals come.
         """
-        return float(np.count_nonzero(residuals) + self.surrogate_error_dof())
+        return float(np.count_nonzero(residuals) + share * self.surrogate_error_dof())
 
     def surrogate_error_dof(self) -> float:
         """Return the number of residuals that the surrogate's own error accounts for."""

@@ -153,7 +153,14 @@ def test_a_known_place_that_is_not_seen_any_more_is_dropped() -> None:
     data = PlaceData(rows, NAMES, dict.fromkeys(NAMES, 1.0))
     known = Place(KEY, (Cell(20, 0, 0),), 3.0, 0.1, 9.0, 1e-9, tuple(range(RECORDINGS)))
     assert data.select(np.zeros((RECORDINGS, 2)), SIGNIFICANCE, [known]) == []
-    undone = data.correction([], [known], (RECORDINGS, 2))
-    np.testing.assert_allclose(undone[:, 0], -300.0)
-    # Losing the place saves what it had cost.
-    assert (data.saved_loss([], [known], RECORDINGS) > 0.0).all()
+    # Recordings have no evidence of known places: nothing is to be undone.
+    assert not data.correction([], [known], (RECORDINGS, 2)).any()
+    assert not data.saved_loss([], [known], RECORDINGS).any()
+
+
+def test_what_a_new_place_explains_is_no_evidence_of_anything_else() -> None:
+    data = PlaceData(_rows(0.3, size=3.0), NAMES, dict.fromkeys(NAMES, 1.0))
+    new = Place(KEY, (Cell(20, 0, 0),), 3.0, 0.1, 9.0, 1e-9, tuple(range(RECORDINGS)))
+    np.testing.assert_allclose(data.correction([new], [], (RECORDINGS, 2))[:, 0], 300.0)
+    assert (data.saved_loss([new], [], RECORDINGS) > 0.0).all()
+    assert not data.correction([new], [new], (RECORDINGS, 2)).any()

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -16,7 +17,9 @@ from adk_ros.fleet.demo.fleet_plan import FleetPlan, FleetSize, InjectedTerm, pl
 from adk_ros.fleet.inference.evidence import Evidence
 from adk_ros.fleet.inference.fleet_simulation import FleetSimulation
 from adk_ros.fleet.inference.levels import SHARED, Level
-from adk_ros.fleet.inference.recording_evidence import UNPLACED, evidence_rows
+from adk_ros.fleet.inference.place_evidence import Cell, cells_along
+from adk_ros.fleet.inference.recording_evidence import UNPLACED, PlacedValue, evidence_rows
+from adk_ros.numerics.arrays import FloatArray
 
 pytestmark = pytest.mark.slow(seconds=60)
 
@@ -57,6 +60,38 @@ def test_the_score_points_to_the_injected_effect() -> None:
     assert two.loss < one.loss
     assert {row["kind"] for row in rows[1:]} == {"place"}
     assert rows[0][UNPLACED] is False
+
+
+def test_where_a_place_is_claimed_a_recording_says_nothing_of_other_effects() -> None:
+    fleet = drives()
+    at_place = next(d for d in fleet.plan.drives if d.route == fleet.plan.place.route)
+    log = fleet.drive(replace(at_place, start=fleet.plan.place.begin - 0.05, duration_s=90.0))
+    key = {"road_grade": "road_grade.grade", "road_bank": "road_bank.bank"}[
+        fleet.plan.place.effect
+    ]
+    cells = tuple({Cell(*row) for row in cells_along(_poses_on(fleet)).tolist()})
+    whole = Evidence.from_row(evidence_rows(log, simulation())[0])
+    rows = [
+        evidence_rows(log, simulation(), local=[PlacedValue(key, cells, size)])
+        for size in (0.02, 0.04)
+    ]
+    one, other = (Evidence.from_row(found[0]) for found in rows)
+    assert 0.5 * whole.counted_s < one.counted_s < whole.counted_s - 3.0
+    assert one.counted_s == other.counted_s
+    assert one.expected_loss < whole.expected_loss
+    # Its size does not matter, beyond what whitening remembers of it.
+    k = one.columns.first_effect + one.columns.effects.index("aero_drag.cda")
+    assert one.score[k] == pytest.approx(other.score[k], rel=0.01)
+    # The rows of places have all of them.
+    assert {row["cell"] for row in rows[0][1:]} == {
+        row["cell"] for row in evidence_rows(log, simulation())[1:]
+    }
+
+
+def _poses_on(fleet: FleetDrives) -> FloatArray:
+    path = fleet.place_path()
+    step = np.diff(path, axis=0)
+    return np.column_stack([path[:-1], np.arctan2(step[:, 1], step[:, 0])])
 
 
 def test_a_drive_that_begins_at_its_own_origin_has_no_places() -> None:
