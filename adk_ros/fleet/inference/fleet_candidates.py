@@ -27,8 +27,7 @@ from adk_ros.fleet.inference.fleet_model import (
     share_equation,
 )
 from adk_ros.fleet.inference.further_terms import evidence_of_designs
-from adk_ros.fleet.inference.levels import BOUND_DEVIATIONS, SHARED, Level, levels_of
-from adk_ros.fleet.inference.mixed_model import MixedModel
+from adk_ros.fleet.inference.levels import BOUND_DEVIATIONS, CAR, SHARED, Level, levels_of
 from adk_ros.fleet.inference.saved_loss import SavedLoss, best_half
 from adk_ros.fleet.inference.variance_components import fitted_components
 from adk_ros.mismatch.library.criteria import (
@@ -98,8 +97,8 @@ class Candidates:
         active = model.active()
         if not active:
             return []
-        mixed = MixedModel(self.fleet, active)
-        terms = model.terms(self.fleet)
+        mixed = model.mixed(self.fleet)
+        terms = model.terms()
         components = model.components_of(active)
         estimate = mixed.estimate(terms, components, with_bias=True)
         return [
@@ -115,8 +114,8 @@ class Candidates:
         similar effect, until that is claimed: their components are fitted again as well.
         """
         active = model.active([candidate.effect])
-        mixed = MixedModel(self.fleet, active)
-        terms = model.terms(self.fleet, [candidate])
+        mixed = model.mixed(self.fleet, [candidate])
+        terms = model.terms([candidate])
         start = model.components_of(active)
         which = [active.index(candidate.effect)]
         for i in np.argsort(-start.kappa)[:_REFITTED]:
@@ -134,12 +133,12 @@ class Candidates:
         cars share until that is claimed. Claimed levels have none left.
         """
         active = model.active([effect])
-        mixed = MixedModel(self.fleet, active)
         components = model.components_of(active)
-        claims = [c.term for c in model.claimed]
-        # A stranger's size of this effect is among the levels.
-        claims += [t for t in model.terms(self.fleet)[len(claims) :] if t.effect != effect]
-        profile = mixed.profile(claims, components, active.index(effect), of_term=True)
+        # A stranger's size of this effect is among the levels: it is not free there.
+        levels = (Level(SHARED), *(Level(CAR, car=car) for car in model.strangers))
+        examined = [Candidate(effect, level, level.design(self.fleet)) for level in levels]
+        mixed = model.mixed(self.fleet, examined)
+        profile = mixed.profile(model.terms(), components, active.index(effect), of_term=True)
         return evidence_of_designs(profile, self.designs)
 
     def ranked(

@@ -11,7 +11,7 @@ import numpy as np
 
 from adk_ros.fleet.inference.evidence import Columns
 from adk_ros.fleet.inference.fleet_evidence import FleetEvidence
-from adk_ros.fleet.inference.levels import CAR, SHARED, Level
+from adk_ros.fleet.inference.levels import SHARED, Level
 from adk_ros.fleet.inference.mixed_model import Components, MixedModel, Term
 from adk_ros.fleet.inference.variance_components import start_components
 from adk_ros.mismatch.library.criteria import MAX_NORMALISED_LOSS, MIN_GAIN_PER_NULL_EXCESS
@@ -46,25 +46,28 @@ class FleetModel:
     The claimed candidates with the components of their parameters, by index of the effect.
 
     `strangers`: cars that the claims leave far more of unexplained than the others. They have a
-    fault that is not claimed yet, which moves their estimates of other parameters as well. So each
-    has a separate size in every active effect: how cars differ is what the others say.
+    fault that is not claimed yet, which moves their estimates of other parameters as well, in each
+    recording differently. So every active effect is free in each of their recordings: how cars and
+    recordings differ is what the others say.
     """
 
     claimed: tuple[Candidate, ...]
     components: dict[int, tuple[float, float]]
     strangers: tuple[str, ...] = ()
 
-    def terms(self, fleet: FleetEvidence, further: Sequence[Candidate] = ()) -> list[Term]:
-        """Return the terms of the claims, of `further` candidates, and of strangers."""
-        candidates = [*self.claimed, *further]
-        out = [c.term for c in candidates]
-        taken = {(c.effect, c.level.car) for c in candidates}
-        for car in self.strangers:
-            design = Level(CAR, car=car).design(fleet)
-            for effect in sorted({c.effect for c in candidates}):
-                if (effect, car) not in taken:
-                    out.append(Term(effect, design))
-        return out
+    def terms(self, further: Sequence[Candidate] = ()) -> list[Term]:
+        """Return the terms of the claims and of `further` candidates."""
+        return [c.term for c in (*self.claimed, *further)]
+
+    def mixed(self, fleet: FleetEvidence, further: Sequence[Candidate] = ()) -> MixedModel:
+        """Return the model of deviations in the effects of claims and further candidates."""
+        active = self.active([c.effect for c in further])
+        taken = {(c.effect, c.level.car) for c in (*self.claimed, *further)}
+        free = [
+            [car in self.strangers and (effect, car) not in taken for effect in active]
+            for car in fleet.cars
+        ]
+        return MixedModel(fleet, active, np.array(free).reshape(len(fleet.cars), len(active)))
 
     def active(self, further: Sequence[int] = ()) -> list[int]:
         """Return the columns of all effects with a term, and further ones."""
@@ -100,9 +103,9 @@ def joint_vectors(
     out = np.zeros((len(fleet.names), c.size))
     active = model.active()
     if active:
-        mixed = MixedModel(fleet, active)
-        estimate = mixed.estimate(model.terms(fleet), model.components_of(active))
-        for size, candidate in zip(estimate.sizes, model.claimed, strict=False):
+        mixed = model.mixed(fleet)
+        estimate = mixed.estimate(model.terms(), model.components_of(active))
+        for size, candidate in zip(estimate.sizes, model.claimed, strict=True):
             out[:, c.first_effect + candidate.effect] += size * candidate.design
         of_car = np.array([fleet.car_names.index(car) for car in fleet.cars])
         for i, effect in enumerate(active if with_deviations else ()):
@@ -166,9 +169,8 @@ def inexactness(
 
 def likelihood(fleet: FleetEvidence, model: FleetModel) -> float:
     """Return the logarithm of the likelihood of a model with its components."""
-    active = model.active()
-    mixed = MixedModel(fleet, active)
-    return mixed.estimate(model.terms(fleet), model.components_of(active)).likelihood
+    components = model.components_of(model.active())
+    return model.mixed(fleet).estimate(model.terms(), components).likelihood
 
 
 def strangers_of(fleet: FleetEvidence, excess: FloatArray) -> tuple[str, ...]:

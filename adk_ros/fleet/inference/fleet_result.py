@@ -14,7 +14,7 @@ from adk_ros.fleet.inference.evidence import Column, Columns, column_of
 from adk_ros.fleet.inference.fleet_estimate import FleetEstimate
 from adk_ros.fleet.inference.fleet_model import Candidate, joint_vectors
 from adk_ros.fleet.inference.levels import is_trend
-from adk_ros.fleet.inference.mixed_model import MixedModel, Term
+from adk_ros.fleet.inference.mixed_model import Term
 from adk_ros.fleet.inference.ties import tied_pair, ties_of, unclaimed
 from adk_ros.mismatch.library.effect import EffectParameter
 from adk_ros.numerics.arrays import FloatArray
@@ -344,9 +344,8 @@ def _vehicles(estimate: FleetEstimate) -> list[VehicleEffect]:
     active = model.active()
     if not active:
         return []
-    mixed = MixedModel(fleet, active)
-    terms = model.terms(fleet)
-    found = mixed.estimate(terms, model.components_of(active), with_bias=True)
+    terms = model.terms()
+    found = model.mixed(fleet).estimate(terms, model.components_of(active), with_bias=True)
     covariance = found.covariance + found.bias
     out = []
     for c, car in enumerate(fleet.car_names):

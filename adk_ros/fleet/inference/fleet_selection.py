@@ -35,7 +35,6 @@ from adk_ros.fleet.inference.fleet_model import (
     strangers_of,
 )
 from adk_ros.fleet.inference.levels import Level, is_trend, is_usable
-from adk_ros.fleet.inference.mixed_model import MixedModel
 from adk_ros.fleet.inference.variance_components import fitted_components
 
 _FITTED_ONSETS = 40
@@ -94,9 +93,9 @@ class Selection(Candidates):
         excess = remaining_excess(self.fleet, model)
         model = replace(model, strangers=strangers_of(self.fleet, excess))
         active = model.active()
-        mixed = MixedModel(self.fleet, active)
-        terms = model.terms(self.fleet)
-        found = fitted_components(mixed, terms, model.components_of(active))
+        found = fitted_components(
+            model.mixed(self.fleet), model.terms(), model.components_of(active)
+        )
         return replace(
             model,
             components={
@@ -220,13 +219,13 @@ class Selection(Candidates):
         quantiles = np.arange(1, _FITTED_ONSETS) / _FITTED_ONSETS
         effect = found.candidate.effect
         active = model.active([effect])
-        mixed = MixedModel(self.fleet, active)
+        mixed = model.mixed(self.fleet, [found.candidate])
         components = model.components_of(active)
         i = active.index(effect)
         components.tau[i], components.kappa[i] = found.components
 
         def likelihood(candidate: Candidate) -> float:
-            return mixed.estimate(model.terms(self.fleet, [candidate]), components).likelihood
+            return mixed.estimate(model.terms([candidate]), components).likelihood
 
         candidates = [found.candidate]
         for day in (days[0], *np.quantile(days, quantiles)):

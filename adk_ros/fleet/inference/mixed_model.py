@@ -32,7 +32,7 @@ from scipy.linalg import solve_triangular
 
 from adk_ros.fleet.inference.fleet_evidence import FleetEvidence
 from adk_ros.fleet.inference.restricted_likelihood import MIN_INFORMATION, Profile
-from adk_ros.numerics.arrays import FloatArray, IntArray
+from adk_ros.numerics.arrays import BoolArray, FloatArray, IntArray
 
 
 @dataclass(frozen=True)
@@ -76,9 +76,16 @@ class Estimate:
 
 
 class MixedModel:
-    """The model of a fleet with some active effects; `active` (a,): their columns of effects."""
+    """
+    The model of a fleet with some active effects; `active` (a,): their columns of effects.
 
-    def __init__(self, fleet: FleetEvidence, active: Sequence[int]) -> None:
+    `free` (r, a): active effects that have any size in a recording, which then says nothing on the
+    terms; with a flat prior, at the maximum of the likelihood.
+    """
+
+    def __init__(
+        self, fleet: FleetEvidence, active: Sequence[int], free: BoolArray | None = None
+    ) -> None:
         self.fleet = fleet
         self.active = tuple(active)
         c = fleet.columns
@@ -96,9 +103,28 @@ class MixedModel:
         ).astype(np.int64)
         self._information = fleet.informations[:, self.index[:, None], self.index]
         self._score = fleet.scores[:, self.index]
+        self.free = np.zeros((len(fleet.names), len(self.active)), bool) if free is None else free
+        self._response = np.zeros(self._information.shape) + np.eye(self.index.size)
+        self._gain_of_free = self._eliminate_free()
         self._one_sided = [c.column(c.effects[i]).is_one_sided for i in active]
         names = fleet.car_names
         self._member = np.array([[car == name for car in fleet.cars] for name in names], float)
+
+    def _eliminate_free(self) -> float:
+        """Eliminate free effects from the recordings; return what the log-likelihood gains."""
+        gain = 0.0
+        for r in np.flatnonzero(self.free.any(axis=1)):
+            at = self._of_effects.start + np.flatnonzero(self.free[r])
+            h, s = self._information[r].copy(), self._score[r].copy()
+            inner = h[np.ix_(at, at)] + MIN_INFORMATION * np.eye(at.size)
+            solved = np.linalg.solve(inner, np.column_stack([h[at], s[at]]))
+            gain += 0.5 * float(s[at] @ solved[:, -1])
+            self._response[r][:, at] -= h[:, at] @ np.linalg.inv(inner)
+            self._information[r] = h - h[:, at] @ solved[:, :-1]
+            self._score[r] = s - h[:, at] @ solved[:, -1]
+            self._information[r][at] = self._information[r][:, at] = 0.0
+            self._score[r][at] = self._response[r][at] = 0.0
+        return gain
 
     def estimate(
         self, terms: Sequence[Term], components: Components, with_bias: bool = False
@@ -108,13 +134,14 @@ class MixedModel:
         information, scores, scale = self._extended(terms)
         rights = scores[:, :, None]
         if with_bias:
-            own = np.concatenate([np.eye(n), np.eye(n)[self._of_effects]])[: scale.shape[1]]
+            own = self._response
+            own = np.concatenate([own, own[:, self._of_effects]], axis=1)[:, : scale.shape[1]]
             own = fleet.shares[:, None, None] * scale[:, :, None] * own
             rights = np.concatenate([rights, own], axis=2)
         per_recording = np.concatenate([np.ones(self._offsets), components.tau])
         first = slice(self._tolerances, self._tolerances + self._offsets + a)
         h, g, constant = _eliminated(information, rights, first, per_recording)
-        total = float(constant.sum())
+        total = self._gain_of_free + float(constant.sum())
 
         # Per car: its own variables, the weak directions, the sizes of the terms.
         members = self._member
@@ -198,7 +225,7 @@ class MixedModel:
             per_car,
             position,
             self._weak,
-            float(constant.sum()),
+            self._gain_of_free + float(constant.sum()),
         )
 
     @property
@@ -217,12 +244,14 @@ class MixedModel:
         acting = self._acting(terms)
         if acting.all():
             return self._information, self._score, np.ones_like(self._score)
-        index = np.concatenate([self.index, self.index[self._of_effects]])
-        scale = np.ones((len(self.fleet.names), index.size))
+        scale = np.ones((len(self.fleet.names), self.index.size + len(self.active)))
         scale[:, self._of_effects] = acting
-        information = self.fleet.informations[:, index[:, None], index]
+        at = np.concatenate(
+            [np.arange(self.index.size), np.arange(self.index.size)[self._of_effects]]
+        )
+        information = self._information[:, at[:, None], at]
         information *= scale[:, :, None] * scale[:, None, :]
-        return information, self.fleet.scores[:, index] * scale, scale
+        return information, self._score[:, at] * scale, scale
 
     def _acting(self, terms: Sequence[Term]) -> FloatArray:
         """

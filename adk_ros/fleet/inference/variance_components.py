@@ -116,7 +116,9 @@ def degrees_of_freedom(
     full = float(estimate.covariance[m, m])
     part = float(model.estimate(terms, replace(components, kappa=without_cars)).covariance[m, m])
     known = float(model.estimate(terms, Components(zero, without_cars)).covariance[m, m])
-    cars, recordings = len(model.fleet.car_names), len(model.fleet.names)
+    counted = ~model.free[:, i]
+    cars = len({car for car, c in zip(model.fleet.cars, counted, strict=True) if c})
+    recordings = int(np.count_nonzero(counted))
     of_effect = sum(term.effect == terms[m].effect for term in terms)
     bias = float(estimate.bias[m, m])
     if _are_one(model, terms[m]):

@@ -52,6 +52,23 @@ def test_a_fault_of_one_car_does_not_hide_that_of_another() -> None:
     assert alone.interval[0] < 9.0 < alone.interval[1]
 
 
+def test_a_car_whose_fault_changes_says_nothing_on_how_recordings_differ() -> None:
+    """A fault that grows moves each recording of its car differently."""
+    tyre = "front_tyre_stiffness.scale"
+    growing = Injection(tyre, Level(RAMP, car="car05"), -60.0)
+    shared = Injection(tyre, Level(SHARED), -5.0)
+    plan = FleetPlan(cars=8, recordings=48, effects=7, injections=(growing, shared))
+    fleet = draw_fleet(7, plan)
+    selection = Selection(fleet)
+    level = Level(SHARED)
+    candidate = Candidate(fleet.columns.effects.index(tyre), level, level.design(fleet))
+    known = selection.assess(FleetModel((), {}, ("car05",)), candidate)
+    unknown = selection.assess(FleetModel((), {}), candidate)
+    assert known.components[0] < 1.0 < unknown.components[0]
+    assert known.size == pytest.approx(-5.0, abs=1.0)
+    assert known.p_value < selection.significance
+
+
 def test_strangers_are_the_cars_that_are_explained_far_worse() -> None:
     fleet = draw_fleet(7, FleetPlan(cars=8, recordings=48, effects=7))
     cars = np.array(fleet.cars)

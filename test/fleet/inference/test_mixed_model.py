@@ -89,6 +89,29 @@ def test_the_profile_is_the_restricted_likelihood() -> None:
         np.testing.assert_allclose(found, direct, rtol=1e-9)
 
 
+def test_a_free_effect_is_one_of_each_recording() -> None:
+    fleet = draw_fleet(4, PLAN)
+    terms = [Term(0, np.ones(9)), Term(3, np.linspace(0.0, 1.0, 9))]
+    components = Components(np.array([0.3, 0.6]), np.array([0.2, 0.5]))
+    free = np.zeros((9, 2), dtype=bool)
+    free[[1, 4], 0] = free[4, 1] = True
+    found = MixedModel(fleet, (0, 3), free).estimate(terms, components, with_bias=True)
+    own = [Term(e, np.eye(9)[r]) for r, e in ((1, 0), (4, 0), (4, 3))]
+    # Recordings with a separate size deviate by nothing else.
+    expected = MixedModel(fleet, (0, 3)).estimate([*terms, *own], components, with_bias=True)
+    for name in ("sizes", "covariance", "bias", "response"):
+        np.testing.assert_allclose(
+            getattr(found, name),
+            getattr(expected, name)[..., :2, :2]
+            if name in ("covariance", "bias")
+            else getattr(expected, name)[:2],
+            rtol=1e-4,
+            atol=1e-9,
+        )
+    profile = MixedModel(fleet, (0, 3), free).profile(terms, components, 1)
+    np.testing.assert_allclose(profile.restricted(0.6, 0.5), found.restricted, rtol=1e-9)
+
+
 @pytest.mark.parametrize(("effect", "weak"), [(2, 0), (2, 1), (FRICTION, 1)])
 def test_gains_are_those_of_one_problem_with_all_levels(effect: int, weak: int) -> None:
     fleet = draw_fleet(3, replace(PLAN, recordings=30, weak=weak))
@@ -100,10 +123,13 @@ def test_gains_are_those_of_one_problem_with_all_levels(effect: int, weak: int) 
     components = {1: (0.4, 0.7), effect: (0.2, 0.6)}
     model = FleetModel(tuple(claims), components, ("car01", "car03"))
 
-    others = [c.term for c in claims] + [t for t in model.terms(fleet)[3:] if t.effect != effect]
+    others = [c.term for c in claims]
     terms = [*others, *(Term(effect, z) for z in selection.designs)]
     deviations = Components(np.array([0.4, 0.0]), np.array([0.7, 0.0]))
-    found = MixedModel(selection.fleet, (1, effect)).estimate(terms, deviations)
+    # The strangers' effects are free but for those that are claimed or examined there.
+    free = np.column_stack([np.array(fleet.cars) == "car03", np.zeros(30, dtype=bool)])
+    free[:, 0] |= np.array(fleet.cars) == "car01"
+    found = MixedModel(selection.fleet, (1, effect), free).estimate(terms, deviations)
     k = len(others)
     h, g = found.information, found.score
     across = np.linalg.solve(h[:k, :k], h[:k, k:])
