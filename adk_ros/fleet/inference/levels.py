@@ -27,6 +27,8 @@ BOUND_DEVIATIONS = 2.0
 """Standard deviations by which chance may move a size beyond the bounds of its parameter."""
 _ONSETS = 8
 """Change points that are tried per trend, at quantiles of the recordings' times. By choice."""
+_BEFORE_TREND = 2
+"""Recordings besides those with a trend, least: they say where it begins. By choice."""
 _SPARSE_ONSETS = 4
 """The same of a single car, which has fewer recordings. By choice."""
 
@@ -97,7 +99,7 @@ def levels_of(fleet: FleetEvidence) -> list[Level]:
 def _trends(fleet: FleetEvidence, car: str, count: int) -> list[Level]:
     days = fleet.days if not car else fleet.days[np.array(fleet.cars) == car]
     distinct = np.unique(days)
-    if distinct.size < 2 * MIN_RECORDINGS:
+    if distinct.size < MIN_RECORDINGS + _BEFORE_TREND:
         return []
     onsets = np.unique(np.quantile(distinct, np.arange(1, count + 1) / (count + 1.0)))
     ramps = [Level(RAMP, car=car, onset=float(day)) for day in (distinct[0], *onsets[:-1])]
