@@ -13,20 +13,13 @@ injected: whatever is claimed is false.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Collection
 from dataclasses import replace
 
-from adk_ros.errors import AdkError
 from adk_ros.fleet.demo.fleet_drives import FleetDrives
 from adk_ros.fleet.demo.fleet_folder import truth
 from adk_ros.fleet.demo.fleet_plan import FleetSize, plan_fleet
+from adk_ros.fleet.demo.memory_analysis import analyse_in_memory
 from adk_ros.fleet.demo.truth_comparison import compare_with_truth
-from adk_ros.fleet.inference.analysis import analyse_fleet
-from adk_ros.fleet.inference.evidence import Row
-from adk_ros.fleet.inference.fleet_estimate import FleetEstimate
-from adk_ros.fleet.inference.fleet_evidence import RecordingTags
-from adk_ros.fleet.inference.fleet_simulation import FleetSimulation
-from adk_ros.fleet.inference.recording_evidence import evidence_rows
 
 
 def main() -> None:
@@ -45,27 +38,7 @@ def main() -> None:
     if given.nothing:
         plan = plan.without_effects()
     drives = FleetDrives(plan)
-    logs = {planned.name: drives.drive(planned) for planned in plan.drives}
-    typical = logs[plan.drives[0].name]
-    simulation = FleetSimulation.identify(drives.simulation(), typical, drives.nominal)
-    tags = {d.name: RecordingTags(d.car, d.day, d.tags) for d in plan.drives}
-
-    def evidence_at(
-        estimate: FleetEstimate | None, moved: Collection[str] | None
-    ) -> tuple[list[Row], dict[str, str]]:
-        rows: list[Row] = []
-        failed: dict[str, str] = {}
-        local = [] if estimate is None else estimate.local_values()
-        usable = list(logs) if estimate is None else estimate.fleet.names
-        for name in usable if moved is None else moved:
-            values = {} if estimate is None else estimate.point_of(name)
-            try:
-                rows += evidence_rows(logs[name], simulation, values, local, name=name)
-            except AdkError as error:
-                failed[name] = str(error)
-        return rows, failed
-
-    found = analyse_fleet(evidence_at, simulation, lambda rows: tags)
+    found = analyse_in_memory(drives)
     if given.nothing:
         result = found.result
         claims = [f"{claim.effect} ({claim.level})" for claim in result.claims]

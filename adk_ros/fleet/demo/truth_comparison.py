@@ -55,7 +55,11 @@ class TruthComparison:
 
 
 def compare_with_truth(result: FleetResult, truth: Mapping[str, Any]) -> TruthComparison:
-    """Compare the result of a fleet with the content of its `truth.json`."""
+    """
+    Compare the result of a fleet with the content of its `truth.json`.
+
+    `truth["place"]` may be None: then every claimed place is false.
+    """
     known = [_Injected(each) for each in truth["effects"]]
     claims = {each: [c for c in result.claims if each.is_claimed_by(c)] for each in known}
     used = [claim for found in claims.values() for claim in found]
@@ -73,15 +77,22 @@ def compare_with_truth(result: FleetResult, truth: Mapping[str, Any]) -> TruthCo
                 sized += 1
                 inside += claim.low <= each.size <= claim.high
     place = truth["place"]
-    places = [p for p in result.places if _is_at(p, place)]
-    lines.append(f"{'found ' if places else 'MISSED'} {place['effect']} (at a place)")
+    places = [p for p in result.places if place and _is_at(p, place)]
+    if place:
+        lines.append(f"{'found ' if places else 'MISSED'} {place['effect']} (at a place)")
     lines += [f"FALSE  {c.effect} ({c.level}): {c.size:.4g}" for c in false]
     others = [p for p in result.places if p not in places]
     lines += [f"FALSE  {p.effect} (at a place): {p.size:.4g}" for p in others]
     ties = sum(bool(found) for found in tied.values())
     named = sum(bool(found) for found in claims.values()) + ties + bool(places)
     return TruthComparison(
-        tuple(lines), len(known) + 1, named, ties, len(false) + len(others), sized, inside
+        tuple(lines),
+        len(known) + bool(place),
+        named,
+        ties,
+        len(false) + len(others),
+        sized,
+        inside,
     )
 
 

@@ -1,0 +1,106 @@
+# Copyright 2026 The adk_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Print which weak effects that all cars have are found by many short recordings together.
+
+    python scripts/fleet_pooling.py [--seed 5] [--strength 0.1] [--recordings 30] [--cars 6]
+        [--seconds 60] [--jobs 2] [--nothing 20]
+
+One fleet for each effect of a single parameter: all of its cars have the effect, at a share of the
+size at which the benchmark injects it. With --nothing so many fleets in which nothing acts:
+whatever is claimed is false. The drives are simulated in memory.
+"""
+
+from __future__ import annotations
+
+import argparse
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, replace
+
+from adk_ros.fleet.demo.fleet_drives import FleetDrives
+from adk_ros.fleet.demo.fleet_folder import truth
+from adk_ros.fleet.demo.fleet_plan import FleetSize, InjectedTerm, plan_fleet
+from adk_ros.fleet.demo.memory_analysis import analyse_in_memory
+from adk_ros.fleet.demo.truth_comparison import TruthComparison, compare_with_truth
+from adk_ros.fleet.inference.evidence import effect_columns
+from adk_ros.fleet.inference.levels import SHARED, Level
+from adk_ros.plant.injection.injectors import FULL, SPRUNG_CAR_ONLY, scale_strength
+
+_SIMULATION_S, _ROUTES = 300.0, 3
+
+
+@dataclass(frozen=True)
+class Fleet:
+    """A fleet to simulate; `effect`: what all of its cars have, nothing if it is empty."""
+
+    effect: str
+    seed: int
+    size: FleetSize
+    strength: float
+
+    def compared(self) -> TruthComparison:
+        """Simulate and analyse the fleet, and compare the result with what was injected."""
+        plan = plan_fleet(self.seed, self.size).without_effects()
+        if self.effect:
+            parameters = scale_strength(self.effect, self.strength)
+            term = InjectedTerm(self.effect, parameters, Level(SHARED))
+            plan = replace(plan, terms=(term,))
+        drives = FleetDrives(plan)
+        return compare_with_truth(
+            analyse_in_memory(drives).result, truth(drives) | {"place": None}
+        )
+
+
+def _compared(fleet: Fleet) -> TruthComparison:
+    return fleet.compared()
+
+
+def weak_effects() -> list[str]:
+    """Return the effects of one parameter that the plant can inject and that may act always."""
+    acting_always = {column.effect.name for column in effect_columns()}
+    return [
+        name
+        for name, parameters in FULL.items()
+        if len(parameters) == 1 and name not in SPRUNG_CAR_ONLY and name in acting_always
+    ]
+
+
+def main() -> None:
+    """Print a line for each fleet and the sums."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seed", type=int, default=5, help="of the first fleet, then counted up")
+    parser.add_argument("--strength", type=float, default=0.1)
+    parser.add_argument("--recordings", type=int, default=30)
+    parser.add_argument("--cars", type=int, default=6)
+    parser.add_argument("--seconds", type=float, default=60.0)
+    parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument("--nothing", type=int, default=0, metavar="N", help="N fleets without any")
+    given = parser.parse_args()
+    size = FleetSize(
+        given.cars,
+        given.recordings,
+        (given.seconds, given.seconds),
+        _SIMULATION_S,
+        _ROUTES,
+        faulty=0,
+        damaged=0,
+    )
+    effects = [""] * given.nothing or weak_effects()
+    fleets = [Fleet(e, given.seed + i, size, given.strength) for i, e in enumerate(effects)]
+    with ProcessPoolExecutor(given.jobs) as pool:
+        found = []
+        for fleet, one in zip(fleets, pool.map(_compared, fleets), strict=True):
+            print(f"seed {fleet.seed}: {'; '.join(one.lines) or 'nothing'}", flush=True)
+            found.append(one)
+    named, tied = sum(one.named for one in found), sum(one.tied for one in found)
+    if not given.nothing:
+        print(f"{named} of {len(found)} effects are named, {tied} of them in a tie")
+    print(
+        f"{sum(one.false > 0 for one in found)} of {len(found)} fleets have a false claim; "
+        f"{sum(one.inside for one in found)} of {sum(one.sized for one in found)} sizes in their "
+        "90 % interval"
+    )
+
+
+if __name__ == "__main__":
+    main()
