@@ -160,7 +160,7 @@ def demo(
     if not (out / "truth.json").exists():
         with console.progress("simulating the fleet") as report:
             write_demo_fleet(out, seed, quick, report, options.workers)
-    truth = read_truth(out / "truth.json")
+    truth = read_truth(out / "truth.json", seed, quick)
     found = _analysed(
         out / "simulation", [str(out / "drives")], out / "fleet", out / "vehicle.yaml", False,
         options,

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from adk_ros.errors import DataError
+from adk_ros.errors import DataError, UsageError
 from adk_ros.fleet.inference.fleet_result import FleetResult
 
 if TYPE_CHECKING:
@@ -40,15 +40,24 @@ def write_demo_fleet(
     write_fleet(plan_fleet(seed, QUICK_SIZE if quick else FULL_SIZE), out, report, workers)
 
 
-def read_truth(path: Path) -> dict[str, Any]:
+def read_truth(path: Path, seed: int, quick: bool) -> dict[str, Any]:
     """
     Return what is injected in a synthetic fleet, from its `truth.json`.
 
     :raises DataError: an earlier version of adk_ros has written it.
+    :raises UsageError: it is of a fleet of another seed or size.
     """
+    from adk_ros.fleet.demo.fleet_plan import FULL_SIZE, QUICK_SIZE
+
     truth: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-    if "path" not in truth["place"]:
+    if "path" not in truth["place"] or "drives" not in truth:
         raise DataError(f"{path}: written by an earlier version: simulate into a new folder")
+    size = QUICK_SIZE if quick else FULL_SIZE
+    if (truth["seed"], truth["drives"]) != (seed, size.recordings):
+        raise UsageError(
+            f"{path.parent} has {truth['drives']} drives of seed {truth['seed']}, not "
+            f"{size.recordings} of seed {seed}: give another folder, or its options"
+        )
     return truth
 
 

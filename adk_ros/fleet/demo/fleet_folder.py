@@ -193,6 +193,7 @@ def truth(drives: FleetDrives) -> dict[str, Any]:
     path = drives.place_path().round(1).tolist()
     return {
         "seed": plan.seed,
+        "drives": len(plan.drives),
         "effects": [
             {"effect": t.effect, "parameters": t.parameters, "level": asdict(t.level)}
             for t in plan.terms

@@ -242,7 +242,19 @@ def test_the_truth_of_an_earlier_version_is_a_line(tmp_path: Path) -> None:
     truth = tmp_path / "truth.json"
     truth.write_text(json.dumps({"effects": [], "place": {"effect": "road_grade"}}))
     with pytest.raises(DataError, match=r"truth\.json: written by an earlier version"):
-        read_truth(truth)
+        read_truth(truth, seed=0, quick=True)
+
+
+@pytest.mark.parametrize(("seed", "quick"), [(0, False), (3, True)])
+def test_a_demonstration_of_another_fleet_needs_another_folder(
+    tmp_path: Path, seed: int, quick: bool
+) -> None:
+    truth = tmp_path / "truth.json"
+    place = {"effect": "road_grade", "path": [[0.0, 0.0]]}
+    truth.write_text(json.dumps({"seed": 0, "drives": 48, "effects": [], "place": place}))
+    assert read_truth(truth, seed=0, quick=True)["drives"] == 48
+    with pytest.raises(UsageError, match=r"has 48 drives of seed 0, not (200|48) of seed [03]: "):
+        read_truth(truth, seed=seed, quick=quick)
 
 
 def test_no_usable_recording_says_why(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -97,6 +97,13 @@ def test_a_place_is_found_where_it_is() -> None:
     assert (elsewhere.named, elsewhere.false) == (0, 1)
 
 
+def test_without_a_place_every_claimed_one_is_false() -> None:
+    result = FleetResult((), (), (), (place("road_grade", (0.0, 0.0)),), (), (), (), (), 1)
+    found = compare_with_truth(result, {"effects": [], "place": None})
+    assert (found.injected, found.named, found.false) == (0, 0, 1)
+    assert found.lines == ("FALSE  road_grade (at a place): 0.1",)
+
+
 def test_the_path_of_a_place_is_on_the_way_of_the_drives() -> None:
     plan = plan_fleet(3, FleetSize(2, 4, (60.0, 60.0), 30.0, 1, 1, 0))
     drives = FleetDrives(plan)
