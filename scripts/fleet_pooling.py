@@ -20,7 +20,7 @@ from dataclasses import dataclass, replace
 from adk_ros.fleet.demo.fleet_drives import FleetDrives
 from adk_ros.fleet.demo.fleet_folder import truth
 from adk_ros.fleet.demo.fleet_plan import FleetSize, InjectedTerm, plan_fleet
-from adk_ros.fleet.demo.memory_analysis import analyse_in_memory
+from adk_ros.fleet.demo.memory_analysis import MemoryFleet
 from adk_ros.fleet.demo.truth_comparison import TruthComparison, compare_with_truth
 from adk_ros.fleet.inference.evidence import effect_columns
 from adk_ros.fleet.inference.levels import SHARED, Level
@@ -47,7 +47,7 @@ class Fleet:
             plan = replace(plan, terms=(term,))
         drives = FleetDrives(plan)
         return compare_with_truth(
-            analyse_in_memory(drives).result, truth(drives) | {"place": None}
+            MemoryFleet(drives).analysed().result, truth(drives) | {"place": None}
         )
 
 

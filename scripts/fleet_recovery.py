@@ -18,7 +18,7 @@ from dataclasses import replace
 from adk_ros.fleet.demo.fleet_drives import FleetDrives
 from adk_ros.fleet.demo.fleet_folder import truth
 from adk_ros.fleet.demo.fleet_plan import FleetSize, plan_fleet
-from adk_ros.fleet.demo.memory_analysis import analyse_in_memory
+from adk_ros.fleet.demo.memory_analysis import MemoryFleet
 from adk_ros.fleet.demo.truth_comparison import compare_with_truth
 
 
@@ -38,7 +38,7 @@ def main() -> None:
     if given.nothing:
         plan = plan.without_effects()
     drives = FleetDrives(plan)
-    found = analyse_in_memory(drives)
+    found = MemoryFleet(drives).analysed()
     if given.nothing:
         result = found.result
         claims = [f"{claim.effect} ({claim.level})" for claim in result.claims]

@@ -58,7 +58,7 @@ def assessment_of(
 ) -> Assessment:
     """Return the assessment of a candidate, term `m` of an estimate with the surrogate's error."""
     size, variance = float(estimate.sizes[m]), float(estimate.covariance[m, m])
-    deviation = float(np.sqrt(total_variance(estimate, m)))
+    deviation = float(np.sqrt(total_variance(mixed, terms, estimate, m)))
     freedom = degrees_of_freedom(mixed, terms, components, m)
     i = mixed.active.index(candidate.effect)
     sums = sum(

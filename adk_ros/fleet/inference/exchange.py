@@ -59,8 +59,9 @@ def plainer_levels(selection: Selection, model: FleetModel) -> FleetModel:
     Return the model with claims at plainer levels that say the same.
 
     Of two values of a tag, next to a claim of all cars, the one with the smaller sizes: a delay of
-    25 ms and 43 ms more with one software, not 68 ms and 43 ms less with the other. And instead of
-    a trend what is always so, where that is as likely but for the change point.
+    25 ms and 43 ms more with one software, not 68 ms and 43 ms less with the other, nor 25 ms with
+    the one and 68 ms with the other. And instead of a trend what is always so, where that is as
+    likely but for the change point.
     """
     for i, claim in enumerate(model.claimed):
         for level in _plainer(selection, model, claim):
@@ -82,9 +83,12 @@ def _plainer(selection: Selection, model: FleetModel, claim: Candidate) -> list[
     level = claim.level
     if is_trend(level):
         return [Level(CAR, car=level.car) if level.car else Level(SHARED)]
-    of_effect = [c.level.kind for c in model.claimed if c.effect == claim.effect]
-    if level.kind != CONDITION or SHARED not in of_effect:
+    if level.kind != CONDITION:
         return []
+    of_effect = [c.level for c in model.claimed if c.effect == claim.effect]
+    if Level(SHARED) not in of_effect:
+        is_other = any(x.tag == level.tag and x.value != level.value for x in of_effect)
+        return [Level(SHARED)] if is_other else []
     return [x for x in selection.levels if x.tag == level.tag and x != level]
 
 

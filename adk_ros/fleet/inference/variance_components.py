@@ -27,6 +27,7 @@ import numpy as np
 from scipy.optimize import minimize
 
 from adk_ros.fleet.inference.mixed_model import Components, Estimate, MixedModel, Term
+from adk_ros.fleet.inference.shared_error import FLEETS, shared_error
 from adk_ros.mismatch.library.criteria import (
     SYSTEMATIC_ERROR_PER_MATERIALITY,
     SYSTEMATIC_ERROR_SHARE,
@@ -92,15 +93,23 @@ def _fitted_one(model: MixedModel, terms: Sequence[Term], start: Components, i: 
     return Components(tau, kappa)
 
 
-def total_variance(estimate: Estimate, m: int) -> float:
+def total_variance(model: MixedModel, terms: Sequence[Term], estimate: Estimate, m: int) -> float:
     """
     Return the variance of the size of term `m`: model, surrogate's error, inexact equation.
 
-    The last is that of a single recording (`criteria.SYSTEMATIC_ERROR_*`): it repeats.
+    The last is that of a single recording (`criteria.SYSTEMATIC_ERROR_*`): it repeats. Of an
+    effect of all cars, the surrogate's error is also that on other roads (`shared_error`).
     """
-    inexact = SYSTEMATIC_ERROR_PER_MATERIALITY**2
-    inexact += (SYSTEMATIC_ERROR_SHARE * float(estimate.sizes[m])) ** 2
+    inexact = (SYSTEMATIC_ERROR_SHARE * float(estimate.sizes[m])) ** 2
+    inexact += _systematic(model, terms[m]) ** 2
     return float(estimate.covariance[m, m] + estimate.bias[m, m]) + inexact
+
+
+def _systematic(model: MixedModel, term: Term) -> float:
+    """Return the systematic deviation of a term's size, in materiality thresholds."""
+    if not (term.design == 1.0).all():
+        return SYSTEMATIC_ERROR_PER_MATERIALITY
+    return shared_error(model.fleet.columns.effects[term.effect])
 
 
 def degrees_of_freedom(
@@ -128,7 +137,9 @@ def degrees_of_freedom(
         of_recordings = max(recordings - cars - of_effect, 1)
         spread = (full - part) ** 2 / of_cars + max(part - known, 0.0) ** 2 / of_recordings
     spread += bias**2 / max(model.fleet.bias_blocks - 1, 1)
-    return max(total_variance(estimate, m) ** 2 / max(spread, 1e-300), 1.0)
+    spread += _systematic(model, terms[m]) ** 4 / (FLEETS - 1)
+    variance = total_variance(model, terms, estimate, m)
+    return max(variance**2 / max(spread, 1e-300), 1.0)
 
 
 def _are_one(model: MixedModel, term: Term) -> bool:

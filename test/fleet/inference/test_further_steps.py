@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from adk_ros.fleet.inference.assessment import Assessment, extended
-from adk_ros.fleet.inference.exchange import exchanged
+from adk_ros.fleet.inference.exchange import exchanged, plainer_levels
 from adk_ros.fleet.inference.fleet_candidates import identity
 from adk_ros.fleet.inference.fleet_evidence import FleetEvidence
 from adk_ros.fleet.inference.fleet_model import (
@@ -23,7 +23,7 @@ from adk_ros.fleet.inference.fleet_model import (
     strangers_of,
 )
 from adk_ros.fleet.inference.fleet_selection import Selection
-from adk_ros.fleet.inference.levels import CAR, RAMP, SHARED, STEP, Level
+from adk_ros.fleet.inference.levels import CAR, CONDITION, RAMP, SHARED, STEP, Level
 from adk_ros.fleet.inference.numerical_fleet import FleetPlan, Injection, draw_fleet
 from adk_ros.fleet.inference.saved_loss import SavedLoss, best_half
 from adk_ros.fleet.inference.simplification import explaining, simplified
@@ -99,6 +99,22 @@ def test_an_effect_that_resembles_two_is_exchanged_for_them() -> None:
     fleet, selection, model = one_for_two()
     found = selection.select(exchanged(selection, model))
     assert claimed(fleet, found) == {(key, "all cars") for key in SOFTER}
+
+
+def test_claims_at_both_values_of_a_tag_are_one_of_all_cars_and_a_difference() -> None:
+    tyre = "front_tyre_stiffness.scale"
+    values = [Level(CONDITION, tag="software", value=v) for v in ("2.0", "2.1")]
+    sizes = zip(values, (-3.0, -9.0), strict=True)
+    both = tuple(Injection(tyre, level, size) for level, size in sizes)
+    fleet = draw_fleet(5, FleetPlan(effects=7, bias=0.0, deviation=0.3, injections=both))
+    selection = Selection(fleet)
+    effect = fleet.columns.effects.index(tyre)
+    claims = tuple(Candidate(effect, x, x.design(fleet)) for x in values)
+    found = plainer_levels(selection, selection.refitted(FleetModel(claims, {})))
+    assert claimed(fleet, found) == {(tyre, "all cars"), (tyre, "software = 2.1")}
+    sizes_found = {c.candidate.level.text: c.size for c in selection.assessed(found)}
+    assert sizes_found["all cars"] == pytest.approx(-3.0, abs=0.5)
+    assert sizes_found["software = 2.1"] == pytest.approx(-6.0, abs=0.5)
 
 
 def test_a_claim_is_exchanged_for_a_likelier_one_of_less_evidence() -> None:
