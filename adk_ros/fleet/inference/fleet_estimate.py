@@ -30,6 +30,9 @@ from adk_ros.fleet.inference.simplification import explaining, simplified
 
 ROUNDS = 3
 """Most rounds of effects and places; they end when the places stay. By choice."""
+_REVISIONS = 3
+"""Times that claims which explain nothing are dropped and others added; they end when all explain
+something. By choice."""
 
 
 @dataclass(frozen=True)
@@ -146,10 +149,20 @@ def estimate_fleet(
 
 
 def _selected(selection: Selection) -> FleetModel:
-    """Return the claims of a selection, exchanged and simplified, with what that leaves to add."""
+    """
+    Return the claims of a selection, exchanged and simplified, with what that leaves to add.
+
+    Claims that explain nothing may have displaced one that does: without them it is added again.
+    """
     model = selection.select()
     likelier = exchanged(selection, model)
-    changed, replaced = simplified(selection, likelier)
-    return explaining(
-        selection, model if changed is model else selection.select(changed, replaced)
-    )
+    changed, refused = simplified(selection, likelier)
+    model = model if changed is model else selection.select(changed, refused)
+    for _ in range(_REVISIONS):
+        kept = explaining(selection, model)
+        if kept is model:
+            break
+        left = {identity(c) for c in kept.claimed}
+        refused |= {identity(c) for c in model.claimed} - left
+        model = selection.select(kept, refused)
+    return explaining(selection, model)

@@ -4,14 +4,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from adk_ros.fleet.inference import fleet_estimate
 from adk_ros.fleet.inference.assessment import Assessment, extended
 from adk_ros.fleet.inference.exchange import exchanged, plainer_levels
-from adk_ros.fleet.inference.fleet_candidates import identity
+from adk_ros.fleet.inference.fleet_candidates import Identity, identity
 from adk_ros.fleet.inference.fleet_evidence import FleetEvidence
 from adk_ros.fleet.inference.fleet_model import (
     Candidate,
@@ -288,3 +290,26 @@ def test_two_effects_that_cancel_are_found_together(monkeypatch: pytest.MonkeyPa
     assert selection.best(FleetModel((), {}), set()) is None
     found = selection.select()
     assert claimed(fleet, found) == {(key, "all cars") for key in names}
+
+
+def test_what_a_claim_without_effect_has_displaced_is_added_again(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    pair = tuple(Injection(key, Level(SHARED), -6.0) for key in sorted(SOFTER))
+    fleet = draw_fleet(5, FleetPlan(effects=8, bias=0.0, deviation=0.3, injections=pair))
+    wrong = Candidate(fleet.columns.effects.index(WIND), Level(SHARED), np.ones(30))
+
+    class Displaced(Selection):
+        def select(
+            self, start: FleetModel | None = None, replaced: Collection[Identity] = ()
+        ) -> FleetModel:
+            if start is None:
+                return self.refitted(FleetModel((wrong,), {}))
+            assert identity(wrong) in replaced
+            return super().select(start, replaced)
+
+    # Neither finds a better model here: what is left is to see that the claim explains nothing.
+    monkeypatch.setattr(fleet_estimate, "exchanged", lambda _, model: model)
+    monkeypatch.setattr(fleet_estimate, "simplified", lambda _, model: (model, set()))
+    found = fleet_estimate._selected(Displaced(fleet))
+    assert claimed(fleet, found) == {(key, "all cars") for key in SOFTER}
