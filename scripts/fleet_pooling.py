@@ -14,15 +14,17 @@ whatever is claimed is false. The drives are simulated in memory.
 from __future__ import annotations
 
 import argparse
+import sys
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 
+from adk_ros.errors import AdkError
 from adk_ros.fleet.demo.fleet_drives import FleetDrives
 from adk_ros.fleet.demo.fleet_folder import truth
 from adk_ros.fleet.demo.fleet_plan import FleetSize, InjectedTerm, plan_fleet
 from adk_ros.fleet.demo.memory_analysis import MemoryFleet
 from adk_ros.fleet.demo.truth_comparison import TruthComparison, compare_with_truth
-from adk_ros.fleet.inference.evidence import effect_columns
+from adk_ros.fleet.inference.evidence import column_of, effect_columns
 from adk_ros.fleet.inference.levels import SHARED, Level
 from adk_ros.plant.injection.injectors import FULL, SPRUNG_CAR_ONLY, scale_strength
 
@@ -37,6 +39,16 @@ class Fleet:
     seed: int
     size: FleetSize
     strength: float
+
+    @property
+    def thresholds(self) -> float:
+        """Size of the effect, in materiality thresholds: below one it is not reported."""
+        if not self.effect:
+            return 0.0
+        ((name, value),) = scale_strength(self.effect, self.strength).items()
+        column = column_of(f"{self.effect}.{name}")
+        p = column.parameter
+        return abs(p.theta(value) - p.theta_neutral) / column.materiality
 
     def compared(self) -> TruthComparison:
         """Simulate and analyse the fleet, and compare the result with what was injected."""
@@ -90,11 +102,14 @@ def main() -> None:
     with ProcessPoolExecutor(given.jobs) as pool:
         found = []
         for fleet, one in zip(fleets, pool.map(_compared, fleets), strict=True):
-            print(f"seed {fleet.seed}: {'; '.join(one.lines) or 'nothing'}", flush=True)
+            text = f" {fleet.thresholds:.2f} thresholds" if fleet.effect else ""
+            print(f"seed {fleet.seed}{text}: {'; '.join(one.lines) or 'nothing'}", flush=True)
             found.append(one)
-    named, tied = sum(one.named for one in found), sum(one.tied for one in found)
-    if not given.nothing:
-        print(f"{named} of {len(found)} effects are named, {tied} of them in a tie")
+    material = [one for fleet, one in zip(fleets, found, strict=True) if fleet.thresholds >= 1.0]
+    for which, ones in (("effects", found), ("effects of a threshold and more", material)):
+        if not given.nothing:
+            named, tied = sum(one.named for one in ones), sum(one.tied for one in ones)
+            print(f"{named} of {len(ones)} {which} are named, {tied} of them in a tie")
     print(
         f"{sum(one.false > 0 for one in found)} of {len(found)} fleets have a false claim; "
         f"{sum(one.inside for one in found)} of {sum(one.sized for one in found)} sizes in their "
@@ -103,4 +118,7 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    try:
+        main()
+    except AdkError as error:
+        sys.exit(str(error))

@@ -14,6 +14,7 @@ the root mean square of the sizes, in materiality thresholds: `shared_error.SHAR
 from __future__ import annotations
 
 import argparse
+import sys
 from collections import defaultdict
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
@@ -21,6 +22,7 @@ from itertools import product
 
 import numpy as np
 
+from adk_ros.errors import AdkError
 from adk_ros.fleet.demo.fleet_drives import FleetDrives
 from adk_ros.fleet.demo.fleet_plan import FleetPlan, FleetSize, plan_fleet
 from adk_ros.fleet.demo.memory_analysis import MemoryFleet
@@ -73,4 +75,7 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    try:
+        main()
+    except AdkError as error:
+        sys.exit(str(error))
