@@ -134,10 +134,10 @@ class MixedModel:
         information, scores, scale = self._extended(terms)
         rights = scores[:, :, None]
         if with_bias:
-            own = self._response
-            own = np.concatenate([own, own[:, self._of_effects]], axis=1)[:, : scale.shape[1]]
-            own = fleet.shares[:, None, None] * scale[:, :, None] * own
-            rights = np.concatenate([rights, own], axis=2)
+            both = [self._response, self._response[:, self._of_effects]]
+            errors = np.concatenate(both, axis=1)[:, : scale.shape[1]]
+            errors *= fleet.shares[:, None, None] * scale[:, :, None]
+            rights = np.concatenate([rights, errors], axis=2)
         per_recording = np.concatenate([np.ones(self._offsets), components.tau])
         first = slice(self._tolerances, self._tolerances + self._offsets + a)
         h, g, constant = _eliminated(information, rights, first, per_recording)
@@ -246,9 +246,8 @@ class MixedModel:
             return self._information, self._score, np.ones_like(self._score)
         scale = np.ones((len(self.fleet.names), self.index.size + len(self.active)))
         scale[:, self._of_effects] = acting
-        at = np.concatenate(
-            [np.arange(self.index.size), np.arange(self.index.size)[self._of_effects]]
-        )
+        variables = np.arange(self.index.size)
+        at = np.concatenate([variables, variables[self._of_effects]])
         information = self._information[:, at[:, None], at]
         information *= scale[:, :, None] * scale[:, None, :]
         return information, self._score[:, at] * scale, scale

@@ -137,8 +137,8 @@ def away_from(problem: ResidualProblem, cells: Collection[Cell]) -> BoolArray:
     """
     Return which bins (n,) are neither in any of these cells nor in one next to it.
 
-    An effect begins and ends within a cell, at a blend of its own: what one size per cell leaves
-    there is nothing else. All bins, if that would leave less than `_LEAST_LEFT` of them.
+    An effect begins and ends somewhere within a cell: what one size per cell leaves there is
+    nothing else. All bins, if that would leave less than `_LEAST_LEFT` of them.
     """
     at = _cells_of_bins(problem)
     inside = np.zeros(len(at), dtype=bool)

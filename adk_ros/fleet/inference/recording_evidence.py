@@ -75,10 +75,11 @@ def evidence_rows(
     unplaced = begins_at_origin(recording)
     if likelihood.problem.log.length_scale == 1.0 and not unplaced:
         rows = place_rows(name, likelihood, linear, values, columns, placed)
-        away = away_from(likelihood.problem, {cell for one in local for cell in one.cells})
-        kept = np.ones(linear.residuals.size, dtype=bool)
-        kept[: 6 * away.size] = np.tile(away, 6)
-        linear, counted = linear.of_rows(kept), counted & away
+        if local:
+            away = away_from(likelihood.problem, {cell for one in local for cell in one.cells})
+            kept = np.ones(linear.residuals.size, dtype=bool)
+            kept[: 6 * away.size] = np.tile(away, 6)
+            linear, counted = linear.of_rows(kept), counted & away
     evidence = Evidence(
         name,
         RECORDING,
