@@ -18,7 +18,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from adk_ros.fleet.inference.competing_effects import claim_text, exchanged_for_competing
+from adk_ros.fleet.inference.effect_comparisons import EffectComparisons
 from adk_ros.fleet.inference.evidence import PLACE_ROW, RECORDING, Row
 from adk_ros.fleet.inference.fleet_candidates import Identity
 from adk_ros.fleet.inference.fleet_estimate import (
@@ -90,7 +90,7 @@ def analyse_fleet(
     places: tuple[Place, ...] = ()
     moved: Collection[str] | None = None
     dropped: Counter[Identity] = Counter()
-    compared: set[tuple[str, str]] = set()
+    comparisons = EffectComparisons()
 
     def linearise(
         at: FleetEstimate | None,
@@ -133,12 +133,11 @@ def analyse_fleet(
             estimate = replace(estimate, places=places, farthest=farthest)
         linearise(estimate, moved, passing)
         if estimate is not None:
-            examined = {claim_text(estimate, claim) for claim in estimate.claims}
             at_estimate = {name: rows[name] for name in rows if name not in outdated}
-            estimate = exchanged_for_competing(estimate, at_estimate, evidence_at, compared)
+            estimate = comparisons.exchanged(
+                estimate, at_estimate, evidence_at, is_near=turn >= _EARLY_PASSES
+            )
             linearise(estimate, moved_to(estimate))
-            # Far from the estimate, much else is unexplained: once more near it.
-            compared |= examined if turn >= _EARLY_PASSES else set()
         every = [row for name in sorted(rows) for row in rows[name]]
         claimed = frozenset() if estimate is None else estimate.identities
         estimate = estimate_fleet(
@@ -149,6 +148,7 @@ def analyse_fleet(
             places,
             is_at_estimate=turn >= _EARLY_PASSES,
             refused=frozenset(one for one, times in dropped.items() if times >= _MOST_DROPS),
+            beside=comparisons.beside,
         )
         if turn > _EARLY_PASSES:
             dropped.update(claimed - estimate.identities)

@@ -18,7 +18,11 @@ import numpy as np
 
 from adk_ros.fleet.inference.assessment import Assessment
 from adk_ros.fleet.inference.evidence import RECORDING, Evidence, Row, column_of
-from adk_ros.fleet.inference.fleet_candidates import MIN_GAIN_PER_NULL_EXCESS
+from adk_ros.fleet.inference.fleet_candidates import (
+    MIN_GAIN_PER_NULL_EXCESS,
+    Identity,
+    identity,
+)
 from adk_ros.fleet.inference.fleet_estimate import EvidenceAt, FleetEstimate
 from adk_ros.fleet.inference.fleet_model import nuisance_prior
 from adk_ros.mismatch.library.catalogue import EFFECTS
@@ -38,22 +42,27 @@ def exchanged_for_competing(
     estimate: FleetEstimate,
     rows: Mapping[str, Sequence[Row]],
     evidence_at: EvidenceAt,
-    kept: Collection[tuple[str, str]] = (),
-) -> FleetEstimate:
+    kept: Collection[Identity] = (),
+) -> tuple[FleetEstimate, dict[Identity, Identity]]:
     """
     Return the estimate with claims exchanged for similar effects that leave less of the loss.
 
-    `rows`: of each recording that is linearised at `estimate`. `kept`: what claims are about
-    (`claim_text`) that stay. Only the claims are changed, at which recordings are linearised.
+    And what was compared and leaves more of it -> what is claimed in its place. `rows`: of each
+    recording that is linearised at `estimate`. `kept`: what claims are about that stay. Only the
+    claims are changed, at which recordings are linearised.
     """
     given = estimate
+    worse: dict[Identity, Identity] = {}
     for i, claim in enumerate(estimate.claims):
-        key, level = claim_text(estimate, claim)
+        key = parameter_of(estimate, claim)
+        known = identity(claim.candidate)
         claimed = {
-            k for k, of in (claim_text(estimate, c) for c in estimate.claims) if of == level
+            parameter_of(estimate, c)
+            for c in estimate.claims
+            if identity(c.candidate)[1] == known[1]
         }
         usable = set(estimate.fleet.columns.effects) - claimed
-        if (key, level) in kept or not usable.intersection(competing_keys(key)):
+        if known in kept or not usable.intersection(competing_keys(key)):
             continue
         sample = _Sample.of(estimate, claim, rows)
         if not sample.names:
@@ -61,22 +70,27 @@ def exchanged_for_competing(
         at_claim = rows if estimate is given else sample.rows_at(estimate, evidence_at)
         if at_claim is None:
             continue
-        best, least = claim, sample.excess(estimate, at_claim) - sample.margin
+        left = {known: sample.excess(estimate, at_claim)}
+        best, least = claim, left[known] - sample.margin
         # What is similar to a better one is compared as well: clock offset, delay, lag.
         while competing := [k for k in competing_keys(key) if k in usable]:
             for other in competing:
                 found, excess = _fitted(estimate, i, other, sample, evidence_at)
-                if found is not None and excess < least:
+                if found is None:
+                    continue
+                left[identity(found.candidate)] = excess
+                if excess < least:
                     best, least, key = found, excess, other
             usable.difference_update(competing)
+        winner = identity(best.candidate)
+        worse |= {one: winner for one, x in left.items() if x > left[winner] + sample.margin}
         estimate = estimate if best is claim else _with(estimate, i, best)
-    return estimate
+    return estimate, worse
 
 
-def claim_text(estimate: FleetEstimate, claim: Assessment) -> tuple[str, str]:
-    """Return what a claim is about: parameter, and level without a change point."""
-    level = replace(claim.candidate.level, onset=0.0)
-    return estimate.fleet.columns.effects[claim.candidate.effect], level.text
+def parameter_of(estimate: FleetEstimate, claim: Assessment) -> str:
+    """Return the parameter of a claim."""
+    return estimate.fleet.columns.effects[claim.candidate.effect]
 
 
 def competing_keys(key: str) -> list[str]:

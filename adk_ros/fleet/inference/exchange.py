@@ -66,11 +66,14 @@ def plainer_levels(selection: Selection, model: FleetModel) -> FleetModel:
     for i, claim in enumerate(model.claimed):
         for level in _plainer(selection, model, claim):
             swapped = Candidate(claim.effect, level, level.design(selection.fleet))
-            taken = {identity(c) for c in model.claimed} | selection.refused
-            if identity(swapped) in taken:
+            taken = {identity(c) for c in model.claimed}
+            changed = replace(
+                model, claimed=(*model.claimed[:i], swapped, *model.claimed[i + 1 :])
+            )
+            is_usable = selection.is_allowed(changed, swapped)
+            if identity(swapped) in taken or not is_usable or selection.dependents(model, claim):
                 continue
-            changed = (*model.claimed[:i], swapped, *model.claimed[i + 1 :])
-            other = selection.refitted(replace(model, claimed=changed))
+            other = selection.refitted(changed)
             loss = likelihood(selection.fleet, model) - likelihood(selection.fleet, other)
             if loss > 0.5 * PENALTY_PER_PARAMETER:
                 continue

@@ -12,7 +12,7 @@ build tolerance.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -67,6 +67,8 @@ class Candidates:
     Candidates of a fleet; `further_tests`: tests of others that share the error rate (places).
 
     `levels` are those that the recordings tell apart. `refused`: candidates that are not examined.
+    `beside`: candidate -> a better one of the same recordings, next to which alone it is examined
+    (`effect_comparisons`).
     """
 
     def __init__(
@@ -75,6 +77,7 @@ class Candidates:
         further_tests: int = 0,
         progress: Progress | None = None,
         refused: frozenset[Identity] = frozenset(),
+        beside: Mapping[Identity, Identity] | None = None,
     ) -> None:
         self.fleet = fleet
         self.levels = levels_of(fleet)
@@ -85,12 +88,25 @@ class Candidates:
         self.null_excess = np.maximum(remaining_excess(fleet, FleetModel((), {})), 0.0)
         """(r,) loss above that of a perfect model without any claim."""
         self.refused = refused
+        self.beside = dict(beside or {})
         self.progress = progress or (lambda done, text: None)
 
     @property
     def significance(self) -> float:
         """Largest p-value of a significant candidate."""
         return FAMILYWISE_ERROR_RATE / self.tests
+
+    def is_allowed(self, model: FleetModel, candidate: Candidate) -> bool:
+        """Whether a candidate may be claimed next to the claims of a model, refused ones not."""
+        known = identity(candidate)
+        better = self.beside.get(known)
+        is_beside = better is None or any(identity(claim) == better for claim in model.claimed)
+        return is_beside and known not in self.refused
+
+    def dependents(self, model: FleetModel, claim: Candidate) -> tuple[Candidate, ...]:
+        """Return the claims of a model that are allowed only next to one of them."""
+        better = identity(claim)
+        return tuple(c for c in model.claimed if self.beside.get(identity(c)) == better)
 
     def assessed(self, model: FleetModel) -> list[Assessment]:
         """Return the assessment of each claimed term."""
@@ -161,7 +177,7 @@ class Candidates:
             gains = np.where(which, self.gains(model, effect), -1.0)
             for i in np.argsort(-gains)[:_LEVELS_PER_PARAMETER]:
                 candidate = Candidate(effect, self.levels[i], self.designs[i])
-                if which[i] and identity(candidate) not in self.refused:
+                if which[i] and self.is_allowed(model, candidate):
                     out.append((float(gains[i]), candidate))
         return sorted(out, key=lambda pair: -pair[0])
 

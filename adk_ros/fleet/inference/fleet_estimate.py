@@ -114,13 +114,15 @@ def estimate_fleet(
     known_places: Sequence[Place] = (),
     is_at_estimate: bool = False,
     refused: frozenset[Identity] = frozenset(),
+    beside: Mapping[Identity, Identity] | None = None,
 ) -> FleetEstimate:
     """
     Return the estimate of a fleet from its rows of evidence.
 
     `rounds` of effects and places; two where the recordings are linearised again afterwards.
     `known_places`: those of the estimate at which the recordings were linearised.
-    `is_at_estimate`: they were linearised at one that is near. `refused`: claims not to examine.
+    `is_at_estimate`: they were linearised at one that is near. `refused`: claims not to examine;
+    `beside`: those to examine next to another one only.
     :raises DataError: there is no evidence, or it does not belong together.
     """
     fleet = replace(FleetEvidence.of(rows, tags), is_at_estimate=is_at_estimate)
@@ -131,7 +133,7 @@ def estimate_fleet(
     places = list(known_places)
     corrected = fleet
     for turn in range(rounds):
-        selection = Selection(corrected, data.tests, progress, refused)
+        selection = Selection(corrected, data.tests, progress, refused, beside)
         model = _selected(selection)
         at = joint_vectors(corrected, model)
         found = data.select(at, selection.significance, known_places)

@@ -201,8 +201,9 @@ class Selection(Candidates):
         return self.refitted(extended(model, self.with_fitted_onset(model, found)))
 
     def without(self, model: FleetModel, *claims: Candidate) -> FleetModel:
-        """Return the model without some of its claims, fitted."""
-        left = tuple(c for c in model.claimed if not any(c is one for one in claims))
+        """Return the model without some of its claims and those allowed beside them, fitted."""
+        gone = [*claims, *(one for claim in claims for one in self.dependents(model, claim))]
+        left = tuple(c for c in model.claimed if not any(c is one for one in gone))
         return self.refitted(replace(model, claimed=left))
 
     def with_fitted_onset(self, model: FleetModel, found: Assessment) -> Assessment:
@@ -243,7 +244,9 @@ class Selection(Candidates):
             bad = [one for one in found if not self.is_claimable(one)]
             if not bad:
                 break
-            worst = max(bad, key=lambda one: one.p_value)
-            dropped.append(worst.candidate)
-            model = self.without(model, worst.candidate)
+            worst = max(bad, key=lambda one: one.p_value).candidate
+            # What is allowed only beside a claim goes first: it may be why the claim looks bad.
+            gone = self.dependents(model, worst) or (worst,)
+            dropped += gone
+            model = self.without(model, *gone)
         return model, dropped

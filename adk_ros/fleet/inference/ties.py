@@ -8,7 +8,8 @@ evidence (t^2 with the variance of the model), half its difference is a logarith
 surrogate's error, the same in all recordings, moves that difference: with V the variance and F the
 response of a size to a score b ~ N(0, B) of the simulation, by (size / V F - size' / V' F') b. The
 candidate is a tie if its odds are below `criteria.SIGNIFICANT_ODDS` plus what that error exceeds
-in one of twenty cases, and if it leaves little of the claim next to it.
+in one of twenty cases, if it leaves little of the claim next to it, and if there are recordings in
+which both act.
 """
 
 from __future__ import annotations
@@ -63,6 +64,9 @@ def ties_of(selection: Selection, model: FleetModel, claim: Assessment) -> list[
         if gain < least or len(found) == _EXAMINED:
             break
         if (other.effect, other.level) == (candidate.effect, candidate.level):
+            continue
+        # An effect of other recordings explains this claim only by how much cars may differ.
+        if not (other.design * candidate.design).any():
             continue
         one = selection.assess(rest, other)
         if not selection.is_possible(one):

@@ -11,12 +11,13 @@ import numpy as np
 import pytest
 
 from adk_ros.fleet.inference.competing_effects import (
-    claim_text,
     competing_keys,
     exchanged_for_competing,
     local_fit,
+    parameter_of,
 )
 from adk_ros.fleet.inference.evidence import RECORDING, Evidence, Row, column_of, effect_columns
+from adk_ros.fleet.inference.fleet_candidates import Identity, identity
 from adk_ros.fleet.inference.fleet_estimate import FleetEstimate
 from adk_ros.fleet.inference.fleet_evidence import FleetEvidence
 from adk_ros.fleet.inference.fleet_selection import Selection
@@ -67,19 +68,22 @@ def test_a_lag_that_was_claimed_as_a_delay() -> None:
         asked.append(tuple(names))
         return [row_at(at, name, truth) for name in names], {}
 
-    found = exchanged_for_competing(estimate, rows, evidence_at)
-    assert [claim_text(found, c) for c in found.claims] == [(LAG, "car02")]
+    found, worse = exchanged_for_competing(estimate, rows, evidence_at)
+    assert claimed(found) == [(LAG, "car02")]
+    level = Level(CAR, car="car02")
+    assert worse == {about(estimate, DELAY, level): about(estimate, LAG, level)}
     assert found.claims[0].size == pytest.approx(truth, abs=0.5)
     # Only recordings of the car are linearised again.
     assert all(estimate.fleet.cars[estimate.fleet.names.index(n)] == "car02" for n in asked[0])
-    kept = exchanged_for_competing(estimate, rows, evidence_at, {(DELAY, "car02")})
-    assert kept.claims == estimate.claims
+    delay = {about(estimate, DELAY, level)}
+    assert exchanged_for_competing(estimate, rows, evidence_at, delay) == (estimate, {})
 
 
-@pytest.mark.parametrize("reason", ["as good", "no evidence"])
+@pytest.mark.parametrize("reason", ["worse", "as good", "no evidence"])
 def test_a_claim_stays(reason: str) -> None:
     """Where nothing explains the data better by more than chance, or nothing can be computed."""
-    estimate, rows = claimed_delay(Level(CAR, car="car02"))
+    level = Level(CAR, car="car02")
+    estimate, rows = claimed_delay(level)
 
     def evidence_at(
         at: FleetEstimate | None, names: Collection[str] | None
@@ -88,9 +92,15 @@ def test_a_claim_stays(reason: str) -> None:
         assert names is not None
         if reason == "no evidence":
             return [], dict.fromkeys(names, "timed out")
+        if reason == "as good":
+            return [row_at(at, name, 7.0, excess_of(estimate, name)) for name in names], {}
         return [rows[name][0] for name in names], {}
 
-    assert exchanged_for_competing(estimate, rows, evidence_at).claims == estimate.claims
+    found, worse = exchanged_for_competing(estimate, rows, evidence_at)
+    assert found is estimate
+    # What is as good is none of both, and nothing is said of what cannot be computed.
+    lag, delay = (about(estimate, key, level) for key in (LAG, DELAY))
+    assert worse == ({lag: delay} if reason == "worse" else {})
 
 
 def test_only_recordings_that_are_linearised_at_the_claim_are_compared() -> None:
@@ -109,11 +119,11 @@ def test_only_recordings_that_are_linearised_at_the_claim_are_compared() -> None
         return [row_at(at, name, 7.0) for name in names], {}
 
     some = {name: rows[name] for name in rows if name != of_car[0]}
-    found = exchanged_for_competing(estimate, some, evidence_at)
-    assert [claim_text(found, c) for c in found.claims] == [(LAG, "car02")]
+    found, _ = exchanged_for_competing(estimate, some, evidence_at)
+    assert claimed(found) == [(LAG, "car02")]
     assert asked == set(of_car[1:])
     none = {name: rows[name] for name in rows if name not in of_car}
-    assert exchanged_for_competing(estimate, none, evidence_at).claims == estimate.claims
+    assert exchanged_for_competing(estimate, none, evidence_at) == (estimate, {})
 
 
 def delayed_fleet(level: Level) -> FleetEvidence:
@@ -133,8 +143,16 @@ def claimed_delay(level: Level) -> tuple[FleetEstimate, dict[str, list[Row]]]:
     selection = Selection(fleet)
     model = selection.select()
     estimate = FleetEstimate(fleet, selection, model, tuple(selection.assessed(model)), (), {}, {})
-    assert [claim_text(estimate, c) for c in estimate.claims] == [(DELAY, level.text)]
+    assert claimed(estimate) == [(DELAY, level.text)]
     return estimate, {name: [row_of(fleet, i)] for i, name in enumerate(fleet.names)}
+
+
+def claimed(estimate: FleetEstimate) -> list[tuple[str, str]]:
+    return [(parameter_of(estimate, c), identity(c.candidate)[1].text) for c in estimate.claims]
+
+
+def about(estimate: FleetEstimate, key: str, level: Level) -> Identity:
+    return estimate.fleet.columns.effects.index(key), level
 
 
 def evidence_of(fleet: FleetEvidence, i: int) -> Evidence:
@@ -154,7 +172,13 @@ def row_of(fleet: FleetEvidence, i: int) -> Row:
     return evidence_of(fleet, i).to_row()
 
 
-def row_at(estimate: FleetEstimate, name: str, truth: float) -> Row:
+def excess_of(estimate: FleetEstimate, name: str) -> float:
+    """Return the loss that the claims of an estimate leave of a recording."""
+    one = evidence_of(estimate.fleet, estimate.fleet.names.index(name))
+    return local_fit(one, estimate.values_of(name)).excess
+
+
+def row_at(estimate: FleetEstimate, name: str, truth: float, excess: float = -300.0) -> Row:
     """Return the evidence of a recording at a lag, which leaves less of the loss than a delay."""
     fleet = estimate.fleet
     i = fleet.names.index(name)
@@ -176,7 +200,7 @@ def row_at(estimate: FleetEstimate, name: str, truth: float) -> Row:
         score,
         information,
         150.0,
-        loss=expected - 300.0 + MISFIT * (lag - truth) ** 2,
+        loss=expected + excess + MISFIT * (lag - truth) ** 2,
         expected_loss=expected,
         point=point,
     ).to_row()

@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from helpers.numerical_fleets import with_same_derivatives
 
 from adk_ros.fleet.inference.assessment import Assessment, extended
 from adk_ros.fleet.inference.fleet_model import Candidate, FleetModel, remaining_excess
@@ -121,13 +122,7 @@ def test_tolerances_beyond_their_bounds_explain_nothing() -> None:
     drag = Injection("aero_drag.cda", Level(SHARED), 12.0)
     fleet = draw_fleet(3, FleetPlan(effects=6, bias=0.0, injections=(drag,)))
     # The first tolerance has the derivatives of the drag.
-    like, effect = 0, fleet.columns.first_effect
-    informations, scores = fleet.informations.copy(), fleet.scores.copy()
-    informations[:, like] = fleet.informations[:, effect]
-    informations[:, :, like] = informations[:, :, effect]
-    informations[:, like, like] = fleet.informations[:, effect, effect]
-    scores[:, like] = fleet.scores[:, effect]
-    fleet = replace(fleet, informations=informations, scores=scores)
+    fleet = with_same_derivatives(fleet, 0, fleet.columns.first_effect)
     selection = Selection(fleet)
     empty = FleetModel((), {})
     assert np.median(remaining_excess(fleet, empty)) > 30.0
