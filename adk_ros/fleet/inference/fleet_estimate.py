@@ -151,20 +151,38 @@ def estimate_fleet(
 
 
 def _selected(selection: Selection) -> FleetModel:
-    """
-    Return the claims of a selection, exchanged and simplified, with what that leaves to add.
-
-    Claims that explain nothing may have displaced one that does: without them it is added again.
-    """
+    """Return the claims of a selection, exchanged and simplified, with what that leaves to add."""
     model = selection.select()
     likelier = exchanged(selection, model)
     changed, refused = simplified(selection, likelier)
     model = model if changed is model else selection.select(changed, refused)
+    return explaining(selection, _revised(selection, model, refused))
+
+
+def _revised(selection: Selection, model: FleetModel, refused: Collection[Identity]) -> FleetModel:
+    """
+    Return the model without claims that explain nothing, with what these have displaced.
+
+    One of them that does explain something next to what is added returns, once.
+    """
+    refused = set(refused)
+    readmitted: set[Identity] = set()
     for _ in range(_REVISIONS):
         kept = explaining(selection, model)
         if kept is model:
             break
         left = {identity(c) for c in kept.claimed}
-        refused |= {identity(c) for c in model.claimed} - left
-        model = selection.select(kept, refused)
-    return explaining(selection, model)
+        lost = {identity(c): c for c in model.claimed if identity(c) not in left}
+        model = selection.select(kept, refused | lost.keys())
+        # What explained nothing next to a pair that cancels may explain something without it.
+        again = {
+            known
+            for known, claim in lost.items()
+            if known not in readmitted
+            and selection.explains(model, selection.assess(model, claim))
+        }
+        refused |= lost.keys() - again
+        readmitted |= again
+        if again:
+            model = selection.select(model, refused)
+    return model

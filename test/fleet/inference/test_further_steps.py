@@ -292,24 +292,54 @@ def test_two_effects_that_cancel_are_found_together(monkeypatch: pytest.MonkeyPa
     assert claimed(fleet, found) == {(key, "all cars") for key in names}
 
 
-def test_what_a_claim_without_effect_has_displaced_is_added_again(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def start_with(*keys: str) -> tuple[FleetEvidence, Selection]:
+    """Return a fleet of softer tyres, and a selection that starts with some other claims."""
     pair = tuple(Injection(key, Level(SHARED), -6.0) for key in sorted(SOFTER))
     fleet = draw_fleet(5, FleetPlan(effects=8, bias=0.0, deviation=0.3, injections=pair))
-    wrong = Candidate(fleet.columns.effects.index(WIND), Level(SHARED), np.ones(30))
+    claims = tuple(
+        Candidate(fleet.columns.effects.index(key), Level(SHARED), np.ones(30)) for key in keys
+    )
 
-    class Displaced(Selection):
+    class Started(Selection):
         def select(
             self, start: FleetModel | None = None, replaced: Collection[Identity] = ()
         ) -> FleetModel:
             if start is None:
-                return self.refitted(FleetModel((wrong,), {}))
-            assert identity(wrong) in replaced
+                return self.refitted(FleetModel(claims, {}))
+            assert identity(claims[0]) in replaced
             return super().select(start, replaced)
 
-    # Neither finds a better model here: what is left is to see that the claim explains nothing.
+    return fleet, Started(fleet)
+
+
+@pytest.fixture
+def only_explaining(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let no better model be found: what is left is to see that a claim explains nothing."""
     monkeypatch.setattr(fleet_estimate, "exchanged", lambda _, model: model)
     monkeypatch.setattr(fleet_estimate, "simplified", lambda _, model: (model, set()))
-    found = fleet_estimate._selected(Displaced(fleet))
+
+
+@pytest.mark.usefixtures("only_explaining")
+def test_what_a_claim_without_effect_has_displaced_is_added_again() -> None:
+    fleet, selection = start_with(WIND)
+    found = fleet_estimate._selected(selection)
+    assert claimed(fleet, found) == {(key, "all cars") for key in SOFTER}
+
+
+@pytest.mark.usefixtures("only_explaining")
+def test_what_explained_nothing_next_to_a_claim_without_effect_returns(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    fleet, selection = start_with(WIND, max(SOFTER))
+    dropped: list[FleetModel] = []
+
+    def without_all(selection: Selection, model: FleetModel) -> FleetModel:
+        if dropped:
+            return explaining(selection, model)
+        dropped.append(model)
+        return selection.without(model, *model.claimed)
+
+    monkeypatch.setattr(fleet_estimate, "explaining", without_all)
+    found = fleet_estimate._selected(selection)
+    assert claimed(fleet, dropped[0]) == {(WIND, "all cars"), (max(SOFTER), "all cars")}
     assert claimed(fleet, found) == {(key, "all cars") for key in SOFTER}
