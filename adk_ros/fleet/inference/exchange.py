@@ -13,6 +13,7 @@ by what the inexact equation of a claim of all cars may leave (`fleet_model.inex
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 from adk_ros.fleet.inference.assessment import Assessment
@@ -120,14 +121,14 @@ def _without(selection: Selection, model: FleetModel, claim: Assessment) -> Flee
         # Two effects imitate one of a car more often than a car has two that one imitates.
         return None
     inexact = inexactness(selection.fleet, model, claim.candidate)
-    return likelier_pair(selection, rest, claim, least + 0.5 * inexact)
+    return next(likelier_pairs(selection, rest, claim, least + 0.5 * inexact), None)
 
 
-def likelier_pair(
+def likelier_pairs(
     selection: Selection, rest: FleetModel, claim: Assessment, least: float
-) -> FleetModel | None:
+) -> Iterator[FleetModel]:
     """
-    Return the model with two effects of its level in place of a claim, if it is likelier.
+    Yield models with two effects of its level in place of a claim that are likelier.
 
     `rest`: the model without the claim. `least`: what the logarithm of the likelihood must exceed
     by half a parameter's penalty. The last two claims are the pair.
@@ -136,7 +137,7 @@ def likelier_pair(
     floor = 0.5 * _LEAST_SHARE * claim.evidence
     least += 0.5 * PENALTY_PER_PARAMETER
     pairs = selection.pairs(rest, refused, lambda other: other == level, floor, least)
-    return next((both for both in pairs if likelihood(selection.fleet, both) > least), None)
+    yield from (both for both in pairs if likelihood(selection.fleet, both) > least)
 
 
 def _with_a_likelier_one(

@@ -15,7 +15,7 @@ from adk_ros.fleet.inference.fleet_estimate import FleetEstimate
 from adk_ros.fleet.inference.fleet_model import Candidate, joint_vectors
 from adk_ros.fleet.inference.levels import is_trend
 from adk_ros.fleet.inference.mixed_model import Term
-from adk_ros.fleet.inference.ties import tied_pair, ties_of, unclaimed
+from adk_ros.fleet.inference.ties import tied_pairs, ties_of, unclaimed
 from adk_ros.mismatch.library.effect import EffectParameter
 from adk_ros.numerics.arrays import FloatArray
 from adk_ros.numerics.constants import QUANTILE_90
@@ -205,7 +205,7 @@ def fleet_result(
         report(i / max(len(estimate.claims), 1), "comparing competing effects")
         ties = ties_of(selection, model, one)
         keys = [_tie_text(fleet.columns, t) for t in ties]
-        if pair := tied_pair(selection, model, one):
+        for pair in tied_pairs(selection, model, one):
             keys.append(AND.join(sorted(_tie_text(fleet.columns, t) for t in pair)))
         claims.append(_claim(estimate, one, tuple(dict.fromkeys(keys))))
     at = joint_vectors(fleet, model)

@@ -43,8 +43,8 @@ MAX_TERMS = 30
 """Most terms of a selection: far more than a fleet lacks; bounds the time. By choice."""
 _FIRST_OF_PAIR, _EXAMINED = 2, 6
 """
-Candidates that are tried as the first of two, those of the most evidence, among as many of the
-largest gains. By choice.
+Candidates that are tried as the first of two, the likeliest ones, among as many of the largest
+gains. By choice.
 """
 _MOST_DROPS = 2
 """Times that a claim may be dropped until it is no candidate any more; ends the selection."""
@@ -178,9 +178,11 @@ class Selection(Candidates):
         floor: float,
     ) -> list[Assessment]:
         """
-        Return significant candidates, most evidence first, whether they save enough or not.
+        Return significant candidates, likeliest first, whether they save enough or not.
 
-        `is_wanted`: of a level. `floor`: least gain.
+        `is_wanted`: of a level. `floor`: least gain. Not by their evidence, which concerns a size
+        alone: larger wheels in place of a headwind have more than a rolling resistance, and leave
+        a hundred times the loss.
         """
         found: list[Assessment] = []
         for gain, candidate in self.ranked(model):
@@ -189,7 +191,8 @@ class Selection(Candidates):
             if is_wanted(candidate.level) and identity(candidate) not in refused:
                 found.append(self.assess(model, candidate))
         usable = [one for one in found if self.is_claimable(one)]
-        return sorted(usable, key=lambda one: -one.evidence)[:_FIRST_OF_PAIR]
+        usable.sort(key=lambda one: -likelihood(self.fleet, extended(model, one)))
+        return usable[:_FIRST_OF_PAIR]
 
     def with_claim(
         self, model: FleetModel, found: Assessment

@@ -21,7 +21,7 @@ from scipy.special import ndtri
 
 from adk_ros.fleet.inference.assessment import Assessment, extended
 from adk_ros.fleet.inference.evidence import column_of
-from adk_ros.fleet.inference.exchange import likelier_pair
+from adk_ros.fleet.inference.exchange import likelier_pairs
 from adk_ros.fleet.inference.fleet_evidence import FleetEvidence
 from adk_ros.fleet.inference.fleet_model import Candidate, FleetModel, likelihood
 from adk_ros.fleet.inference.fleet_selection import Selection
@@ -81,9 +81,11 @@ def ties_of(selection: Selection, model: FleetModel, claim: Assessment) -> list[
     return [*same, *(other for _, other in sorted(found, key=lambda pair: pair[0]))]
 
 
-def tied_pair(selection: Selection, model: FleetModel, claim: Assessment) -> list[Candidate]:
+def tied_pairs(
+    selection: Selection, model: FleetModel, claim: Assessment
+) -> list[tuple[Candidate, Candidate]]:
     """
-    Return two effects of all cars that are likelier than a claim; none if no pair is.
+    Return pairs of effects of all cars that are likelier than a claim; none if no pair is.
 
     Such a pair is not claimed where the inexact equation of the claim may leave the difference
     (`fleet_model.inexactness`): headwind, or drag and rolling resistance.
@@ -91,8 +93,11 @@ def tied_pair(selection: Selection, model: FleetModel, claim: Assessment) -> lis
     if claim.candidate.level.kind != SHARED:
         return []
     rest = selection.without(model, claim.candidate)
-    both = likelier_pair(selection, rest, claim, likelihood(selection.fleet, model))
-    return [] if both is None else list(both.claimed[-2:])
+    least = likelihood(selection.fleet, model)
+    return [
+        (both.claimed[-2], both.claimed[-1])
+        for both in likelier_pairs(selection, rest, claim, least)
+    ]
 
 
 def _are_inseparable(fleet: FleetEvidence, a: Candidate, b: Candidate) -> bool:
