@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -52,6 +53,13 @@ def mismatch(
         Path | None,
         typer.Option(help="vehicle file of the simulated car: YAML or packaged name"),
     ] = None,
+    further_simulation: Annotated[
+        list[Path] | None,
+        typer.Option(
+            help="another bag of the simulator, driven on roads of the fleet (repeatable): small "
+            "effects of all cars need it",
+        ),
+    ] = None,
     without_imu: Annotated[
         bool, typer.Option("--without-imu", help="accept recordings without an IMU")
     ] = False,
@@ -95,8 +103,9 @@ def mismatch(
         from adk_ros.fleet.inference.analysis import USUAL_PASSES
 
         estimate = estimate_mismatch(
-            simulation, recordings, out, vehicle, without_imu=without_imu,
-            recording_options=reading, simulation_options=simulated_with, options=options,
+            simulation, recordings, out, vehicle, further_simulations=further_simulation or (),
+            without_imu=without_imu, recording_options=reading,
+            simulation_options=simulated_with, options=options,
         )  # fmt: skip
         print_estimate(
             estimate.as_dict(), as_json, f" (counts of the first of about {USUAL_PASSES} passes)"
@@ -104,7 +113,7 @@ def mismatch(
         return
     found = _analysed(
         simulation, recordings, out, vehicle, without_imu, options, reports, reading,
-        simulated_with,
+        simulated_with, further_simulation or (),
     )  # fmt: skip
     if as_json:
         console.print_json(json.loads((found.page.parent / _DATA).read_text(encoding="utf-8")))
@@ -163,7 +172,7 @@ def demo(
     truth = read_truth(out / "truth.json", seed, quick)
     found = _analysed(
         out / "simulation", [str(out / "drives")], out / "fleet", out / "vehicle.yaml", False,
-        options,
+        options, further=sorted((out / "simulation_routes").iterdir()),
     )  # fmt: skip
     _show(found)
     comparison = compared_with_truth(found.result, truth)
@@ -181,14 +190,15 @@ def _analysed(
     reports: int = 5,
     reading: RecordingOptions | None = None,
     simulated_with: RecordingOptions | None = None,
+    further: Sequence[Path] = (),
 ) -> FleetMismatch:
     from adk_ros.api.fleet.fleet_mismatch import fleet_mismatch
 
     with continued_later(), console.progress("fleet") as report:
         return fleet_mismatch(
-            simulation, recordings, out, vehicle, without_imu=without_imu,
-            recording_options=reading, simulation_options=simulated_with, reports=reports,
-            options=options, progress=report,
+            simulation, recordings, out, vehicle, further_simulations=further,
+            without_imu=without_imu, recording_options=reading,
+            simulation_options=simulated_with, reports=reports, options=options, progress=report,
         )  # fmt: skip
 
 

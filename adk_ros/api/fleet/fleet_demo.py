@@ -50,7 +50,8 @@ def read_truth(path: Path, seed: int, quick: bool) -> dict[str, Any]:
     from adk_ros.fleet.demo.fleet_plan import FULL_SIZE, QUICK_SIZE
 
     truth: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-    if "path" not in truth["place"] or "drives" not in truth:
+    is_complete = (path.parent / "simulation_routes").is_dir()
+    if "path" not in truth["place"] or "drives" not in truth or not is_complete:
         raise DataError(f"{path}: written by an earlier version: simulate into a new folder")
     size = QUICK_SIZE if quick else FULL_SIZE
     if (truth["seed"], truth["drives"]) != (seed, size.recordings):

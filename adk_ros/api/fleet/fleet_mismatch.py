@@ -30,7 +30,7 @@ from adk_ros.api.fleet.fleet_run import (
     listed_recordings,
     tags_file,
 )
-from adk_ros.api.fleet.identified_simulation import identified_simulation
+from adk_ros.api.fleet.identified_simulation import SimulationInputs, identified_simulation
 from adk_ros.api.fleet.lost_files import forget_lost_files
 from adk_ros.api.fleet.report_stage import ReportStage
 from adk_ros.bags.recording import RecordingOptions
@@ -83,6 +83,7 @@ def fleet_mismatch(
     out: Path | str,
     vehicle: Path | str | None = None,
     *,
+    further_simulations: Sequence[Path | str] = (),
     without_imu: bool = False,
     recording_options: RecordingOptions | None = None,
     simulation_options: RecordingOptions | None = None,
@@ -98,6 +99,8 @@ def fleet_mismatch(
     :param out: folder of the dataset, which all workers see under this path; an interrupted run
         continues. The page is in `out`/report.
     :param vehicle: nominal vehicle of the simulation, YAML or a packaged name.
+    :param further_simulations: bags of the same simulated car on roads of the fleet: what the
+        surrogate of the simulation feigns there in all cars is known then.
     :param recording_options: topics and sensor configuration of the bags.
     :param simulation_options: those of the simulator's bag. Default: `recording_options`.
     :param reports: so many recordings, those that are explained worst, get a report of their own,
@@ -117,9 +120,12 @@ def fleet_mismatch(
     timer = RunTimer()
     out, simulation, options = Path(out), Path(simulation), options or FleetOptions()
     check_options(options)
-    if not simulation.exists():
-        raise UsageError(f"--simulation {simulation} does not exist")
     reading = recording_options or RecordingOptions()
+    inputs = SimulationInputs(
+        simulation, vehicle, without_imu, reading, simulation_options or reading,
+        tuple(Path(path) for path in further_simulations),
+    )  # fmt: skip
+    inputs.check()
     listed, table = listed_recordings(recordings, options)
     found = chosen_recordings(listed, options.limits.count)
     limits = replace(options.limits, count=None)
@@ -131,10 +137,7 @@ def fleet_mismatch(
         keep_tags(out, table)
         # Workers of other machines run in other folders.
         shared = out.resolve()
-        path = identified_simulation(
-            simulation, vehicle, listed, shared, without_imu, reading,
-            simulation_options or reading, progress,
-        )  # fmt: skip
+        path = identified_simulation(inputs, listed, shared, progress)
         known = FleetSimulation.load(path)
 
         def report(done: float, text: str) -> None:
@@ -183,6 +186,7 @@ def fleet_mismatch(
         models = corrected_models(analysis.result, known.surrogate)
         links = _links(out, stage, shown)
         sources: list[tuple[str, Path | str | None]] = [("simulation", simulation)]
+        sources += [("further simulation", further) for further in inputs.further]
         if vehicle is not None and Path(vehicle).is_file():
             sources.append(("vehicle", vehicle))
         text = unplaced_text(len(unplaced))

@@ -5,13 +5,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from adk_ros.api.fleet.index_stage import file_hash
 from adk_ros.api.recording import read_log
 from adk_ros.bags.recording import RecordingOptions
-from adk_ros.errors import AdkError, DataError
+from adk_ros.errors import AdkError, DataError, UsageError
 from adk_ros.files.code_digest import code_digest
 from adk_ros.fleet.recordings import FleetRecording, local_recording
 from adk_ros.fleet.run import Progress
@@ -22,34 +22,56 @@ _FIRST_TRIED = 20
 """Recordings that are tried as the typical one before giving up."""
 
 
-def simulation_file(
-    simulation: Path,
-    vehicle: Path | str | None,
-    out: Path,
-    without_imu: bool,
-    reading: RecordingOptions,
-    simulation_reading: RecordingOptions,
-) -> Path:
+@dataclass(frozen=True)
+class SimulationInputs:
     """
-    Return the file of the identified simulation, named by its inputs, whether it exists.
+    What the simulation of a fleet is identified from, and how bags are read.
 
-    The typical recording is no such input: a fleet grows, and its first one stays the typical one.
+    `further`: drives of the same simulated car on roads of the fleet. `reading`: of recordings;
+    `simulation_reading`: of the simulator's bags.
     """
-    given = "" if vehicle is None else str(vehicle)
-    files = [file_hash(str(simulation)), file_hash(given)]
-    read_with = [without_imu, asdict(reading), asdict(simulation_reading)]
-    key = hash_of([*files, *read_with, code_digest()])
-    return out / f"simulation-{key[:16]}.npz"
+
+    simulation: Path
+    vehicle: Path | str | None
+    without_imu: bool
+    reading: RecordingOptions
+    simulation_reading: RecordingOptions
+    further: tuple[Path, ...] = ()
+
+    def check(self) -> None:
+        """
+        Check that the bags of the simulator exist.
+
+        :raises UsageError: one does not, or is given twice.
+        """
+        if not self.simulation.exists():
+            raise UsageError(f"--simulation {self.simulation} does not exist")
+        known = {self.simulation.resolve()}
+        for path in self.further:
+            if not path.exists():
+                raise UsageError(f"--further-simulation {path} does not exist")
+            if path.resolve() in known:
+                raise UsageError(f"--further-simulation {path} is given already: another drive")
+            known.add(path.resolve())
+
+    def file(self, out: Path) -> Path:
+        """
+        Return the file of the identified simulation, named by its inputs, whether it exists.
+
+        The typical recording is no such input: a fleet grows, and its first one stays the typical
+        one.
+        """
+        given = "" if self.vehicle is None else str(self.vehicle)
+        files = [file_hash(str(path)) for path in (self.simulation, given, *self.further)]
+        read_with = [self.without_imu, asdict(self.reading), asdict(self.simulation_reading)]
+        key = hash_of([*files, *read_with, code_digest()])
+        return out / f"simulation-{key[:16]}.npz"
 
 
 def identified_simulation(
-    simulation: Path,
-    vehicle: Path | str | None,
+    inputs: SimulationInputs,
     recordings: Sequence[FleetRecording],
     out: Path,
-    without_imu: bool,
-    reading: RecordingOptions,
-    simulation_reading: RecordingOptions,
     progress: Progress | None,
 ) -> Path:
     """
@@ -57,18 +79,25 @@ def identified_simulation(
 
     The caller holds the lock of `out`: another run would identify the same.
 
-    :raises DataError: none of the first recordings can be used.
+    :raises DataError: none of the first recordings can be used, or a drive of the simulation.
     :raises StoreUnreachable: a store does not answer.
     """
     from adk_ros.fleet.inference.fleet_simulation import FleetSimulation
+    from adk_ros.fleet.inference.further_simulations import DifferentCar
+    from adk_ros.mismatch.recording.checks import check_recording
     from adk_ros.mismatch.recording.nominal_vehicle import load_nominal_vehicle
 
-    path = simulation_file(simulation, vehicle, out, without_imu, reading, simulation_reading)
+    path = inputs.file(out)
     if path.exists():
         return path
-    nominal = None if vehicle is None else load_nominal_vehicle(vehicle)
+    nominal = None if inputs.vehicle is None else load_nominal_vehicle(inputs.vehicle)
     radius = 0.0 if nominal is None else nominal.wheel_radius
-    simulated = read_log(simulation, simulation_reading, wheel_radius=radius)
+    simulated, *further = (
+        read_log(path, inputs.simulation_reading, wheel_radius=radius)
+        for path in (inputs.simulation, *inputs.further)
+    )
+    for log in further:
+        check_recording(log, is_simulation=True)
 
     def report(done: float, text: str) -> None:
         if progress is not None:
@@ -78,10 +107,15 @@ def identified_simulation(
     for recording in recordings[:_FIRST_TRIED]:
         try:
             with local_recording(recording) as local:
-                typical = read_log(local, reading, needs_imu=not without_imu, wheel_radius=radius)
-            known = FleetSimulation.identify(simulated, typical, nominal, report)
-        except StoreUnreachable:
-            # Says nothing about the recording: another one would give another result.
+                typical = read_log(
+                    local,
+                    inputs.reading,
+                    needs_imu=not inputs.without_imu,
+                    wheel_radius=radius,
+                )
+            known = FleetSimulation.identify(simulated, typical, nominal, report, further)
+        except (StoreUnreachable, DifferentCar):
+            # Says nothing about the recording: another one would give no other result.
             raise
         except AdkError as error:
             reasons.append(f"{recording.name}: {error}")

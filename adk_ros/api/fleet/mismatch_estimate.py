@@ -19,10 +19,9 @@ from adk_ros.api.fleet.fleet_run import (
     listed_recordings,
     workers_of,
 )
-from adk_ros.api.fleet.identified_simulation import simulation_file
+from adk_ros.api.fleet.identified_simulation import SimulationInputs
 from adk_ros.api.fleet.recording_minutes import recording_minutes
 from adk_ros.bags.recording import RecordingOptions
-from adk_ros.errors import UsageError
 from adk_ros.fleet.dataset import FleetDataset
 
 DEFAULT_CORE_S = 0.7
@@ -43,6 +42,7 @@ def estimate_mismatch(
     out: Path | str,
     vehicle: Path | str | None = None,
     *,
+    further_simulations: Sequence[Path | str] = (),
     without_imu: bool = False,
     recording_options: RecordingOptions | None = None,
     simulation_options: RecordingOptions | None = None,
@@ -61,16 +61,17 @@ def estimate_mismatch(
 
     simulation, out, options = Path(simulation), Path(out), options or FleetOptions()
     check_options(options)
-    if not simulation.exists():
-        raise UsageError(f"--simulation {simulation} does not exist")
+    reading = recording_options or RecordingOptions()
+    inputs = SimulationInputs(
+        simulation, vehicle, without_imu, reading, simulation_options or reading,
+        tuple(Path(path) for path in further_simulations),
+    )  # fmt: skip
+    inputs.check()
     options = replace(options, workers=workers_of(options))
     listed, table = listed_recordings(recordings, options)
     found = chosen_recordings(listed, options.limits.count)
     options = replace(options, limits=replace(options.limits, count=None))
-    reading = recording_options or RecordingOptions()
-    path = simulation_file(
-        simulation, vehicle, out, without_imu, reading, simulation_options or reading
-    )
+    path = inputs.file(out)
     stage = EvidenceStage(str(path) if path.exists() else "", "", without_imu, reading)
     first = replace(estimate_stage(stage, found, out, options), notes=table.notes)
     is_finished = first.missing == 0 and (out / REPORT / "fleet.json").is_file()

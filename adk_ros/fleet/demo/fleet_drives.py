@@ -31,6 +31,8 @@ _LATERAL = 4.2
 """Lateral acceleration of the drivers on the routes, m/s²."""
 _LATERAL_SIMULATED = 4.6
 """The same of the simulation, which must be driven at least as hard."""
+_FURTHER_S = 120.0
+"""Duration of a further drive of the simulation, s. By choice."""
 _PLACE_KEYS = {
     "road_grade": ("grade", "grade"),
     "road_bank": ("bank", "bank"),
@@ -113,15 +115,21 @@ class FleetDrives:
         i = self.plan.size.routes
         segments: list[Segment] = self._segments[i][0]
         route = plan_route(segments, [], self._styles[i], _LATERAL_SIMULATED)
-        truth, commands, _ = simulate_injected_drive(
-            self.vehicle,
-            self.vehicle,
-            route,
-            InjectedChanges(),
-            self.plan.seed + 7,
-            self.plan.size.simulation_s,
+        return self._simulated(
+            "simulation", route, self.plan.seed + 7, self.plan.size.simulation_s
         )
-        return simulate_faulty_sensors("simulation", truth, commands, {}, None)
+
+    def further_simulation(self, i: int) -> SensorLog:
+        """Return a further drive of the simulation: the nominal car on route `i` of the fleet."""
+        route = plan_route(self._segments[i][0], [], self._styles[i], _LATERAL)
+        return self._simulated(f"route_{i + 1}", route, self.plan.seed + 8 + i, _FURTHER_S)
+
+    def _simulated(self, name: str, route: Route, seed: int, duration_s: float) -> SensorLog:
+        """Return a drive of the nominal car, without noise."""
+        truth, commands, _ = simulate_injected_drive(
+            self.vehicle, self.vehicle, route, InjectedChanges(), seed, duration_s
+        )
+        return simulate_faulty_sensors(name, truth, commands, {}, None)
 
     def drive(self, planned: PlannedDrive) -> SensorLog:
         """Return the recording of a planned drive; slower, if the car spins."""

@@ -3,9 +3,10 @@
 """
 Write a synthetic fleet as a folder.
 
-`simulation/` and `drives/*/` are bags; `vehicle.yaml` has masses and lengths of the simulated car;
-`drives/fleet.csv` has a row per recording: recording, vehicle, time, and the tags; `truth.json` is
-what was injected, written last. Some bags are damaged on purpose.
+`simulation/` and `simulation_routes/*/` are bags of the simulation, on a separate road and on each
+route; `drives/*/` are those of the fleet. `vehicle.yaml` has masses and lengths of the simulated
+car; `drives/fleet.csv` has a row per recording: recording, vehicle, time, and the tags;
+`truth.json` is what was injected, written last. Some bags are damaged on purpose.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ import shutil
 from collections.abc import Callable, Generator, Sequence
 from concurrent.futures import FIRST_COMPLETED, wait
 from contextlib import closing
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 from datetime import datetime, timezone
 from hashlib import sha256
 from pathlib import Path
@@ -44,6 +45,22 @@ _UNFINISHED, _WRITING = ".unfinished", ".writing"
 """In the folder while it is written: a file with the hash of the plan, and a folder with bags."""
 
 Progress = Callable[[int, int], None]
+
+
+@dataclass(frozen=True)
+class SimulatedDrive:
+    """A drive of the simulation: on a separate road, or on a route of the fleet."""
+
+    route: int | None = None
+
+    def log(self, drives: FleetDrives) -> SensorLog:
+        """Simulate it."""
+        if self.route is None:
+            return drives.simulation()
+        return drives.further_simulation(self.route)
+
+
+_Bag = PlannedDrive | SimulatedDrive
 
 
 def write_fleet(
@@ -80,12 +97,14 @@ def write_fleet(
                     *(planned.tags[tag] for tag in TAGS),
                 ]
             )
-    bags = [planned for planned in (None, *plan.drives) if not _bag(planned, out).exists()]
-    before = 1 + len(plan.drives) - len(bags)
+    simulated = [SimulatedDrive(), *(SimulatedDrive(i) for i in range(plan.size.routes))]
+    every: list[_Bag] = [*simulated, *plan.drives]
+    bags = [planned for planned in every if not _bag(planned, out).exists()]
+    before = len(every) - len(bags)
     with closing(_written(plan, out, bags, workers)) as written:
-        for done, _ in enumerate(written, start=before):
+        for done, _ in enumerate(written, start=before + 1):
             if progress is not None:
-                progress(done, len(plan.drives))
+                progress(done, len(every))
     shutil.rmtree(out / _WRITING, ignore_errors=True)
     # Last: a folder that has it is complete.
     (out / "truth.json").write_text(json.dumps(truth(drives), indent=1))
@@ -93,9 +112,9 @@ def write_fleet(
 
 
 def _written(
-    plan: FleetPlan, out: Path, bags: Sequence[PlannedDrive | None], workers: int
+    plan: FleetPlan, out: Path, bags: Sequence[_Bag], workers: int
 ) -> Generator[None, None, None]:
-    """Write bags, of which None is the simulation, and yield after each."""
+    """Write bags, and yield after each."""
     if workers == 1:
         drives = FleetDrives(plan)
         for planned in bags:
@@ -121,26 +140,31 @@ def _begin(plan: FleetPlan) -> None:
     _drives.append(FleetDrives(plan))
 
 
-def _write_planned(planned: PlannedDrive | None, out: Path) -> None:
+def _write_planned(planned: _Bag, out: Path) -> None:
     """Write a bag in a worker."""
     _write_bag(_drives[0], planned, out)
 
 
-def _write_bag(drives: FleetDrives, planned: PlannedDrive | None, out: Path) -> None:
+def _write_bag(drives: FleetDrives, planned: _Bag, out: Path) -> None:
     bag = _bag(planned, out)
     # A bag that is there is complete.
     scratch = out / _WRITING / bag.name
     scratch.parent.mkdir(exist_ok=True)
-    if planned is None:
-        write_sensor_log(drives.simulation(), scratch)
+    bag.parent.mkdir(exist_ok=True)
+    if isinstance(planned, SimulatedDrive):
+        write_sensor_log(planned.log(drives), scratch)
     else:
         write_drive(drives, planned, scratch)
     scratch.rename(bag)
 
 
-def _bag(planned: PlannedDrive | None, out: Path) -> Path:
-    """Return the path of a bag; None is the simulation."""
-    return out / "simulation" if planned is None else out / "drives" / planned.name
+def _bag(planned: _Bag, out: Path) -> Path:
+    """Return the path of a bag."""
+    if isinstance(planned, PlannedDrive):
+        return out / "drives" / planned.name
+    if planned.route is None:
+        return out / "simulation"
+    return out / "simulation_routes" / f"route_{planned.route + 1}"
 
 
 def start_ns(planned: PlannedDrive) -> int:

@@ -17,13 +17,23 @@ from adk_ros.fleet.inference.recording_evidence import evidence_rows
 
 
 class MemoryFleet:
-    """The drives and the simulation of a plan; of what damages bags there is nothing."""
+    """
+    The drives and the simulation of a plan; of what damages bags there is nothing.
 
-    def __init__(self, drives: FleetDrives) -> None:
+    `with_further`: whether the simulation is known on the routes of the fleet as well.
+    """
+
+    def __init__(self, drives: FleetDrives, with_further: bool = True) -> None:
         plan = drives.plan
         self._logs = {planned.name: drives.drive(planned) for planned in plan.drives}
         typical = self._logs[plan.drives[0].name]
-        self.simulation = FleetSimulation.identify(drives.simulation(), typical, drives.nominal)
+        routes = range(plan.size.routes if with_further else 0)
+        self.simulation = FleetSimulation.identify(
+            drives.simulation(),
+            typical,
+            drives.nominal,
+            further=[drives.further_simulation(i) for i in routes],
+        )
         self._tags = {d.name: RecordingTags(d.car, d.day, d.tags) for d in plan.drives}
 
     def analysed(self) -> FleetAnalysis:

@@ -24,6 +24,7 @@ from adk_ros.fleet.inference.fleet_candidates import (
     identity,
 )
 from adk_ros.fleet.inference.fleet_estimate import EvidenceAt, FleetEstimate
+from adk_ros.fleet.inference.fleet_evidence import FleetEvidence
 from adk_ros.fleet.inference.fleet_model import nuisance_prior
 from adk_ros.mismatch.library.catalogue import EFFECTS
 from adk_ros.mismatch.library.criteria import INDISTINGUISHABLE_LOSS
@@ -134,7 +135,7 @@ class _Sample:
         return cls(
             names,
             design[order],
-            np.array([_evidence(rows[name]).dispersion for name in names]),
+            np.array([_evidence(fleet, rows[name]).dispersion for name in names]),
             INDISTINGUISHABLE_LOSS + inexact,
         )
 
@@ -149,7 +150,10 @@ class _Sample:
 
     def excess(self, estimate: FleetEstimate, rows: Mapping[str, Sequence[Row]]) -> float:
         """Return the least loss of all recordings, above that of a perfect model."""
-        fits = [local_fit(_evidence(rows[n]), estimate.values_of(n)) for n in self.names]
+        fits = [
+            local_fit(_evidence(estimate.fleet, rows[n]), estimate.values_of(n))
+            for n in self.names
+        ]
         return float(sum(fit.excess / d for fit, d in zip(fits, self.dispersions, strict=True)))
 
 
@@ -210,7 +214,7 @@ def _fitted(
         others = _with(estimate, i, replace(found, size=0.0))
         sizes = []
         for name, share in zip(sample.names, sample.shares, strict=True):
-            fit = local_fit(_evidence(rows[name]), at.values_of(name))
+            fit = local_fit(_evidence(at.fleet, rows[name]), at.values_of(name))
             other = others.values_of(name).get(key, 0.0) / column.materiality
             sizes.append((fit.sizes.get(key, 0.0) - other) / share)
         size = float(np.median(sizes))
@@ -221,5 +225,6 @@ def _with(estimate: FleetEstimate, i: int, claim: Assessment) -> FleetEstimate:
     return replace(estimate, claims=(*estimate.claims[:i], claim, *estimate.claims[i + 1 :]))
 
 
-def _evidence(rows: Sequence[Row]) -> Evidence:
-    return next(Evidence.from_row(row) for row in rows if row["kind"] == RECORDING)
+def _evidence(fleet: FleetEvidence, rows: Sequence[Row]) -> Evidence:
+    one = next(Evidence.from_row(row) for row in rows if row["kind"] == RECORDING)
+    return one.from_origin(fleet.origin)

@@ -18,7 +18,7 @@ any table format.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -37,7 +37,7 @@ from adk_ros.numerics.arrays import FloatArray
 
 RECORDING, SIMULATION, PLACE_ROW = "recording", "simulation", "place"
 """Kinds of rows: a recording, the simulation itself, and a recording at one place."""
-SCHEMA = 2
+SCHEMA = 3
 """Version of the rows; rows of another one are refused."""
 _BYTES = np.dtype("<f8")
 Row = dict[str, Any]
@@ -170,6 +170,20 @@ class Columns:
 
 
 @dataclass(frozen=True)
+class SimulationError:
+    """
+    What the surrogate's error resembles in further drives of the simulation.
+
+    `vector` (d,): a joint vector, scaled; `variance` (d,): what the noise of their sensors leaves;
+    `drives`: their number.
+    """
+
+    vector: FloatArray
+    variance: FloatArray
+    drives: int
+
+
+@dataclass(frozen=True)
 class Evidence:
     """
     Quadratic log-likelihood of a recording in absolute, scaled coordinates.
@@ -195,6 +209,13 @@ class Evidence:
     """(d,) where it was linearised; zero if not given."""
     scatter: FloatArray | None = None
     blocks: int = 0
+    error: SimulationError | None = None
+    """Of the simulation, if further drives of it are known."""
+
+    def from_origin(self, origin: FloatArray) -> Evidence:
+        """Return the evidence in coordinates that count from another origin (d,)."""
+        score = self.score - self.information @ origin
+        return replace(self, score=score, point=self._point - origin)
 
     @property
     def _point(self) -> FloatArray:
@@ -232,6 +253,9 @@ class Evidence:
             "expected_loss": self.expected_loss,
             "loss_ratio": self.loss_ratio,
             "point": packed(self._point),
+            "error": b"" if self.error is None else packed(self.error.vector),
+            "error_variance": b"" if self.error is None else packed(self.error.variance),
+            "error_drives": 0 if self.error is None else self.error.drives,
         }
 
     @classmethod
@@ -250,7 +274,7 @@ class Evidence:
             int(row["weak"]), tuple(str(row["effects"]).split(",")), float(row["length_scale"])
         )
         d = columns.size
-        scatter = row["scatter"]
+        scatter, error = row["scatter"], row["error"]
         return cls(
             name=str(row["recording"]),
             kind=str(row["kind"]),
@@ -265,6 +289,13 @@ class Evidence:
             point=unpacked(row["point"], (d,)),
             scatter=unpacked(scatter, (d, d)) if scatter else None,
             blocks=int(row["blocks"]),
+            error=SimulationError(
+                unpacked(error, (d,)),
+                unpacked(row["error_variance"], (d,)),
+                int(row["error_drives"]),
+            )
+            if error
+            else None,
         )
 
 

@@ -135,7 +135,7 @@ def estimate_fleet(
     for turn in range(rounds):
         selection = Selection(corrected, data.tests, progress, refused, beside)
         model = _selected(selection)
-        at = joint_vectors(corrected, model)
+        at = joint_vectors(corrected, model) + fleet.origin
         found = data.select(at, selection.significance, known_places)
         if {(p.key, p.cells) for p in found} == {(p.key, p.cells) for p in places}:
             places = found

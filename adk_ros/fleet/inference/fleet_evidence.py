@@ -10,7 +10,15 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from adk_ros.errors import DataError
-from adk_ros.fleet.inference.evidence import RECORDING, SIMULATION, Columns, Evidence, Row
+from adk_ros.fleet.inference.evidence import (
+    RECORDING,
+    SIMULATION,
+    Columns,
+    Evidence,
+    Row,
+    SimulationError,
+)
+from adk_ros.fleet.inference.shared_error import remaining_error, shared_error
 from adk_ros.numerics.arrays import FloatArray
 
 
@@ -50,6 +58,32 @@ class FleetEvidence:
     """(r,) loss of a perfect model."""
     is_at_estimate: bool = False
     """Whether the recordings are linearised at an estimate of their effects."""
+    error: SimulationError | None = None
+    """What the surrogate's error resembles: the joint vector from which all others count."""
+
+    @property
+    def origin(self) -> FloatArray:
+        """Joint vector (d,) from which those of the recordings count."""
+        return np.zeros(self.columns.size) if self.error is None else self.error.vector
+
+    def without_error(self) -> FleetEvidence:
+        """Return the evidence as it is without further drives of the simulation."""
+        score = self.scores + self.informations @ self.origin
+        gain = (self.scores + score) @ self.origin
+        return replace(self, scores=score, excess=self.excess + gain, error=None)
+
+    def systematic_deviation(self, effect: int) -> float:
+        """
+        Return the deviation of an effect of all cars that no number of recordings lowers.
+
+        In materiality thresholds: what the surrogate's error on other roads feigns, or what is
+        left of that where further drives of the simulation show it.
+        """
+        key = self.columns.effects[effect]
+        if self.error is None:
+            return shared_error(key)
+        of_noise = float(self.error.variance[self.columns.first_effect + effect])
+        return float(np.hypot(remaining_error(key), np.sqrt(of_noise)))
 
     @classmethod
     def of(cls, rows: Sequence[Row], tags: Mapping[str, RecordingTags]) -> FleetEvidence:
@@ -71,6 +105,9 @@ class FleetEvidence:
                 )
         known = [tags.get(one.name, RecordingTags(one.name)) for one in recordings]
         simulated = [one for one in every if one.kind == SIMULATION and one.scatter is not None]
+        error = simulated[0].error if simulated else None
+        if error is not None:
+            recordings = [one.from_origin(error.vector) for one in recordings]
         bias, blocks = np.zeros((columns.size, columns.size)), 1
         shares = np.zeros(len(recordings))
         if simulated:
@@ -91,6 +128,7 @@ class FleetEvidence:
             blocks,
             np.array([one.excess for one in recordings]) / dispersion,
             np.array([one.expected_loss for one in recordings]) / dispersion,
+            error=error,
         )
 
     @property

@@ -21,7 +21,14 @@ from typing import Any
 import numpy as np
 
 from adk_ros.errors import UsageError
-from adk_ros.fleet.inference.evidence import SIMULATION, Columns, Evidence, effect_columns
+from adk_ros.fleet.inference.evidence import (
+    SIMULATION,
+    Columns,
+    Evidence,
+    SimulationError,
+    effect_columns,
+)
+from adk_ros.fleet.inference.further_simulations import error_on
 from adk_ros.fleet.inference.linearisation import linearised
 from adk_ros.mismatch.inference.likelihood import Likelihood
 from adk_ros.mismatch.recording.nominal_vehicle import NominalVehicle
@@ -36,7 +43,7 @@ from adk_ros.mismatch.surrogate.substeps import scale_of
 from adk_ros.mismatch.surrogate.systematic_error import SystematicError
 from adk_ros.numerics.arrays import FloatArray
 
-KIND, SCHEMA = "fleet_simulation", 1
+KIND, SCHEMA = "fleet_simulation", 2
 Progress = Callable[[float, str], None]
 
 
@@ -65,11 +72,16 @@ class FleetSimulation:
         recording: SensorLog,
         nominal: NominalVehicle | None = None,
         progress: Progress | None = None,
+        further: Sequence[SensorLog] = (),
     ) -> FleetSimulation:
         """
         Identify the surrogate of a simulation; `recording`: a typical one of the fleet.
 
         The recording gives the sensors' noise, and whether the simulated road is the fleet's.
+        `further`: drives of the same simulated car on roads of the fleet, which show what the
+        surrogate's error feigns there.
+
+        :raises DataError: a drive cannot be used, or is not of the simulated car.
         """
         size = 1.0 if nominal is None else nominal.length_scale
         simulation = replace(simulation, length_scale=size)
@@ -78,7 +90,12 @@ class FleetSimulation:
             simulation, recording, nominal, progress or (lambda done, text: None)
         )
         columns = _columns(surrogate, [c.key for c in effect_columns()])
-        evidence = simulation_evidence(simulation, surrogate, columns, recording.noise())
+        noise = recording.noise()
+        evidence = simulation_evidence(simulation, surrogate, columns, noise)
+        if further:
+            drives = [replace(log, length_scale=size) for log in further]
+            error = error_on(drives, surrogate, columns, noise)
+            evidence = replace(evidence, error=error)
         return cls(surrogate, evidence, tuple(notes))
 
     def save(self, path: Path) -> None:
@@ -98,6 +115,7 @@ class FleetSimulation:
             "name": self.evidence.name,
             "loss": self.evidence.loss,
             "expected_loss": self.evidence.expected_loss,
+            "further_drives": 0 if self.evidence.error is None else self.evidence.error.drives,
         }
         arrays: dict[str, Any] = {
             "parameters": s.parameters,
@@ -108,6 +126,9 @@ class FleetSimulation:
             "information": self.evidence.information,
             "scatter": self.evidence.scatter,
         }
+        if self.evidence.error is not None:
+            arrays["further_vector"] = self.evidence.error.vector
+            arrays["further_variance"] = self.evidence.error.variance
         if s.road is not None:
             arrays |= {"road_line": s.road.line, "road_coefficients": s.road.coefficients}
         if s.systematic is not None:
@@ -174,6 +195,11 @@ class FleetSimulation:
             expected_loss=text["expected_loss"],
             scatter=arrays["scatter"],
             blocks=text["blocks"],
+            error=SimulationError(
+                arrays["further_vector"], arrays["further_variance"], text["further_drives"]
+            )
+            if text["further_drives"]
+            else None,
         )
         return cls(surrogate, evidence, tuple(text["notes"]))
 

@@ -17,6 +17,12 @@ from adk_ros.mismatch.surrogate.activation import ALWAYS_ACTIVE, Activation
 from adk_ros.numerics.arrays import BoolArray, FloatArray, IntArray
 from adk_ros.numerics.levenberg_marquardt import huber_root, huber_values
 
+_PRIOR_UNITS = 100.0
+"""
+Prior standard deviation of an effect in a recording's own fit, in materiality thresholds: wide,
+since the fit only centres the scores of the blocks.
+"""
+
 
 @dataclass(frozen=True)
 class Linearisation:
@@ -173,3 +179,22 @@ def linearised(
         float(huber_values(e).sum()),
         e,
     )
+
+
+def dispersion(linear: Linearisation, columns: Columns) -> float:
+    """
+    Return the variance of the scores between blocks over that of white noise, at least one.
+
+    The scores are centred by the recording's own fit. The median over the joint vector's entries.
+    """
+    information = linear.information
+    prior = np.ones(columns.size)
+    prior[columns.first_effect :] = 1.0 / _PRIOR_UNITS**2
+    at = np.linalg.solve(information + np.diag(prior), linear.score)
+    scores = linear.block_scores(np.asarray(at))
+    expected: FloatArray = np.diag(information)
+    used = expected > 0.0
+    if scores.shape[0] < 2 or not used.any():
+        return 1.0
+    ratio = (scores[:, used] ** 2).sum(axis=0) / expected[used]
+    return float(max(np.median(ratio), 1.0))

@@ -12,14 +12,13 @@ import numpy as np
 from adk_ros.errors import DataError
 from adk_ros.fleet.inference.evidence import (
     RECORDING,
-    Columns,
     Evidence,
     Row,
     column_of,
     effect_columns,
 )
 from adk_ros.fleet.inference.fleet_simulation import FleetSimulation
-from adk_ros.fleet.inference.linearisation import Linearisation, effects_at, linearised
+from adk_ros.fleet.inference.linearisation import dispersion, effects_at, linearised
 from adk_ros.fleet.inference.place_evidence import Cell, away_from, in_cells, place_rows
 from adk_ros.mismatch.inference.hypothesis import ActiveEffect
 from adk_ros.mismatch.inference.likelihood import Likelihood
@@ -32,17 +31,11 @@ from adk_ros.mismatch.recording.inferred_torque import with_inferred_torque
 from adk_ros.mismatch.recording.sensor_log import SensorLog
 from adk_ros.mismatch.surrogate.activation import Activation
 from adk_ros.mismatch.surrogate.residuals import BIN_S
-from adk_ros.numerics.arrays import FloatArray
 
 UNPLACED = "unplaced"
 """Entry of a recording's row: whether it takes no part in the search for places."""
 _ORIGIN_M = 1.0
 """m from x = y = 0 within which odometry that counts from its start begins. By choice."""
-_PRIOR_UNITS = 100.0
-"""
-Prior standard deviation of an effect in a recording's own fit, in materiality thresholds: wide,
-since the fit only centres the scores of the blocks.
-"""
 
 
 def evidence_rows(
@@ -147,22 +140,3 @@ def recording_likelihood(recording: SensorLog, simulation: FleetSimulation) -> L
         lacking = "; ".join(x.text for x in data.observable.missing_channels())
         raise DataError(f"{log.name}: no command to compare the motion with: {lacking}")
     return data.whole()
-
-
-def dispersion(linear: Linearisation, columns: Columns) -> float:
-    """
-    Return the variance of the scores between blocks over that of white noise, at least one.
-
-    The scores are centred by the recording's own fit. The median over the joint vector's entries.
-    """
-    information = linear.information
-    prior = np.ones(columns.size)
-    prior[columns.first_effect :] = 1.0 / _PRIOR_UNITS**2
-    at = np.linalg.solve(information + np.diag(prior), linear.score)
-    scores = linear.block_scores(np.asarray(at))
-    expected: FloatArray = np.diag(information)
-    used = expected > 0.0
-    if scores.shape[0] < 2 or not used.any():
-        return 1.0
-    ratio = (scores[:, used] ** 2).sum(axis=0) / expected[used]
-    return float(max(np.median(ratio), 1.0))

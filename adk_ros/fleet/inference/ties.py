@@ -147,8 +147,16 @@ def _reason(selection: Selection, model: FleetModel, found: Assessment, gain: fl
         level = "recordings" if found.candidate.level.kind == CAR else "recordings or cars"
         return f"the size differs between {level} as much as its mean"
     key = selection.fleet.columns.effects[found.candidate.effect]
+    fleet = selection.fleet
+    further = ""
+    if (
+        found.candidate.level.kind == SHARED
+        and fleet.error is None
+        and fleet.systematic_deviation(found.candidate.effect) > 0.5 * found.deviation
+    ):
+        further = "; --further-simulation lowers that error"
     return (
         f"{abs(found.size) / found.deviation:.1f} standard deviations: chance and the surrogate's "
         f"error reach that somewhere among {selection.tests} tests "
-        f"({column_of(key).effect.name} is examined at all levels)"
+        f"({column_of(key).effect.name} is examined at all levels){further}"
     )

@@ -27,7 +27,7 @@ import numpy as np
 from scipy.optimize import minimize
 
 from adk_ros.fleet.inference.mixed_model import Components, Estimate, MixedModel, Term
-from adk_ros.fleet.inference.shared_error import FLEETS, shared_error
+from adk_ros.fleet.inference.shared_error import FLEETS
 from adk_ros.mismatch.library.criteria import (
     SYSTEMATIC_ERROR_PER_MATERIALITY,
     SYSTEMATIC_ERROR_SHARE,
@@ -98,7 +98,8 @@ def total_variance(model: MixedModel, terms: Sequence[Term], estimate: Estimate,
     Return the variance of the size of term `m`: model, surrogate's error, inexact equation.
 
     The last is that of a single recording (`criteria.SYSTEMATIC_ERROR_*`): it repeats. Of an
-    effect of all cars, the surrogate's error is also that on other roads (`shared_error`).
+    effect of all cars, the surrogate's error is also that on other roads
+    (`FleetEvidence.systematic_deviation`).
     """
     inexact = (SYSTEMATIC_ERROR_SHARE * float(estimate.sizes[m])) ** 2
     inexact += _systematic(model, terms[m]) ** 2
@@ -109,7 +110,7 @@ def _systematic(model: MixedModel, term: Term) -> float:
     """Return the systematic deviation of a term's size, in materiality thresholds."""
     if not (term.design == 1.0).all():
         return SYSTEMATIC_ERROR_PER_MATERIALITY
-    return shared_error(model.fleet.columns.effects[term.effect])
+    return model.fleet.systematic_deviation(term.effect)
 
 
 def degrees_of_freedom(

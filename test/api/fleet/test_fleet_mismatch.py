@@ -234,6 +234,10 @@ def test_unusable_input_is_one_line(tmp_path: Path) -> None:
     given = [str(drives)]
     with pytest.raises(UsageError, match=r"--simulation .*sim does not exist"):
         fleet_mismatch(tmp_path / "sim", given, tmp_path / "out")
+    bag = drives / "a.mcap"
+    for further, problem in ((tmp_path / "route", "does not exist"), (bag, "is given already")):
+        with pytest.raises(UsageError, match=f"--further-simulation .*{further.name} {problem}"):
+            fleet_mismatch(bag, given, tmp_path / "out", further_simulations=[further])
     with pytest.raises(DataError, match=r"a\.mcap"):
         fleet_mismatch(drives / "a.mcap", given, tmp_path / "out")
 
@@ -250,6 +254,7 @@ def test_a_demonstration_of_another_fleet_needs_another_folder(
     tmp_path: Path, seed: int, quick: bool
 ) -> None:
     truth = tmp_path / "truth.json"
+    (tmp_path / "simulation_routes").mkdir()
     place = {"effect": "road_grade", "path": [[0.0, 0.0]]}
     truth.write_text(json.dumps({"seed": 0, "drives": 48, "effects": [], "place": place}))
     assert read_truth(truth, seed=0, quick=True)["drives"] == 48
@@ -284,7 +289,7 @@ def test_workers_of_other_folders_find_the_files_of_a_run(
     (tmp_path / "simulation").mkdir()
     stages = []
 
-    def identified(simulation: Path, vehicle: None, found: object, out: Path, *_: object) -> Path:
+    def identified(inputs: object, found: object, out: Path, *_: object) -> Path:
         return out / "simulation-1.npz"
 
     def run_stage(stage: EvidenceStage, *_: object) -> None:

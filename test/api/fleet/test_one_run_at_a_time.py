@@ -19,7 +19,7 @@ from adk_ros.api.fleet.evidence_stage import EvidenceStage, evidence_text
 from adk_ros.api.fleet.fleet_mismatch import fleet_mismatch
 from adk_ros.api.fleet.fleet_run import FleetOptions
 from adk_ros.api.fleet.fleet_training import train_fleet
-from adk_ros.api.fleet.identified_simulation import simulation_file
+from adk_ros.api.fleet.identified_simulation import SimulationInputs
 from adk_ros.api.fleet.training_data import FleetTrainingOptions, shard_stage
 from adk_ros.bags.recording import RecordingOptions
 from adk_ros.errors import DataError
@@ -87,7 +87,8 @@ def test_no_other_run_comes_between_two_stages(
 ) -> None:
     out, simulation = tmp_path / "out", tmp_path / "simulation"
     simulation.mkdir()
-    path = simulation_file(simulation, None, out, False, RecordingOptions(), RecordingOptions())
+    options = RecordingOptions()
+    path = SimulationInputs(simulation, None, False, options, options).file(out)
     path.parent.mkdir()
     path.write_bytes(b"identified")
     stage = EvidenceStage(str(path))

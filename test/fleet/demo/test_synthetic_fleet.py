@@ -107,6 +107,7 @@ def test_a_folder_has_bags_tags_and_truth(tmp_path: Path) -> None:
     assert [row["recording"] for row in rows] == [d.name for d in plan.drives]
     bags = {path.name for path in (out / "drives").iterdir() if path.is_dir()}
     assert bags == {d.name for d in plan.drives}
+    assert {p.name for p in (out / "simulation_routes").iterdir()} == {"route_1", "route_2"}
     truth = json.loads((out / "truth.json").read_text())
     assert len(truth["damaged"]) == 5
     empty = next(name for name, how in truth["damaged"].items() if how == "empty")
@@ -121,7 +122,8 @@ def test_processes_write_the_same_fleet(tmp_path: Path) -> None:
     counts = []
     write_fleet(plan, tmp_path / "one")
     write_fleet(plan, tmp_path / "two", lambda *given: counts.append(given), workers=2)
-    assert counts == [(0, 3), (1, 3), (2, 3), (3, 3)]
+    # Three drives, the simulation, and that on the only route.
+    assert counts == [(i, 5) for i in range(1, 6)]
     one, two = (contents(tmp_path / name) for name in ("one", "two"))
     assert one == two
     assert "truth.json" in one
@@ -137,7 +139,7 @@ def test_an_interrupted_fleet_continues(tmp_path: Path) -> None:
     """Without the truth, the demonstration would analyse what is there."""
 
     def stop(done: int, total: int) -> None:
-        if done == 1:
+        if done == 3:
             raise KeyboardInterrupt
 
     plan = plan_fleet(4, FleetSize(2, 3, (10.0, 12.0), 20.0, 1, 1, 1))
@@ -153,7 +155,7 @@ def test_an_interrupted_fleet_continues(tmp_path: Path) -> None:
     (out / ".writing" / plan.drives[2].name).mkdir(parents=True)
     counts: list[tuple[int, int]] = []
     write_fleet(plan, out, lambda *given: counts.append(given))
-    assert counts == [(2, 3), (3, 3)]
+    assert counts == [(4, 5), (5, 5)]
     assert all(path.stat().st_mtime_ns == at for path, at in written.items())
     write_fleet(plan, tmp_path / "whole")
     assert contents(out) == contents(tmp_path / "whole")
