@@ -31,6 +31,7 @@ from adk_ros.fleet.inference.fleet_evidence import RecordingTags
 from adk_ros.fleet.inference.fleet_result import FleetResult, fleet_result
 from adk_ros.fleet.inference.fleet_simulation import FleetSimulation
 from adk_ros.fleet.inference.linearisation_point import Point, has_moved, rounded_size
+from adk_ros.fleet.inference.nonlinear_candidates import NonlinearCandidates
 from adk_ros.fleet.inference.place_evidence import Cell
 from adk_ros.fleet.inference.places import Place
 
@@ -90,7 +91,7 @@ def analyse_fleet(
     places: tuple[Place, ...] = ()
     moved: Collection[str] | None = None
     dropped: Counter[Identity] = Counter()
-    comparisons = EffectComparisons()
+    comparisons, nonlinear = EffectComparisons(), NonlinearCandidates()
 
     def linearise(
         at: FleetEstimate | None,
@@ -153,6 +154,9 @@ def analyse_fleet(
         if turn > _EARLY_PASSES:
             dropped.update(claimed - estimate.identities)
         before = before or estimate.loss_ratios
+        if turn + 1 < MAX_PASSES:
+            at_estimate = {name: rows[name] for name in rows if name not in outdated}
+            estimate = nonlinear.added(estimate, at_estimate, evidence_at)
         moved = moved_to(estimate)
         is_settled = not _moved_cells(places, estimate.places)
         if turn >= _EARLY_PASSES and is_settled and not moved:

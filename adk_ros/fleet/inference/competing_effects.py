@@ -25,7 +25,7 @@ from adk_ros.fleet.inference.fleet_candidates import (
 )
 from adk_ros.fleet.inference.fleet_estimate import EvidenceAt, FleetEstimate
 from adk_ros.fleet.inference.fleet_evidence import FleetEvidence
-from adk_ros.fleet.inference.fleet_model import nuisance_prior
+from adk_ros.fleet.inference.fleet_model import nuisance_prior, remaining_excess
 from adk_ros.mismatch.library.catalogue import EFFECTS
 from adk_ros.mismatch.library.criteria import INDISTINGUISHABLE_LOSS
 from adk_ros.numerics.arrays import FloatArray
@@ -65,7 +65,7 @@ def exchanged_for_competing(
         usable = set(estimate.fleet.columns.effects) - claimed
         if known in kept or not usable.intersection(competing_keys(key)):
             continue
-        sample = _Sample.of(estimate, claim, rows)
+        sample = Sample.of(estimate, claim, rows)
         if not sample.names:
             continue
         at_claim = rows if estimate is given else sample.rows_at(estimate, evidence_at)
@@ -76,7 +76,7 @@ def exchanged_for_competing(
         # What is similar to a better one is compared as well: clock offset, delay, lag.
         while competing := [k for k in competing_keys(key) if k in usable]:
             for other in competing:
-                found, excess = _fitted(estimate, i, other, sample, evidence_at)
+                found, excess = fitted_in_place(estimate, i, other, sample, evidence_at)
                 if found is None:
                     continue
                 left[identity(found.candidate)] = excess
@@ -85,7 +85,7 @@ def exchanged_for_competing(
             usable.difference_update(competing)
         winner = identity(best.candidate)
         worse |= {one: winner for one, x in left.items() if x > left[winner] + sample.margin}
-        estimate = estimate if best is claim else _with(estimate, i, best)
+        estimate = estimate if best is claim else with_claim(estimate, i, best)
     return estimate, worse
 
 
@@ -112,7 +112,7 @@ def competing_keys(key: str) -> list[str]:
 
 
 @dataclass(frozen=True)
-class _Sample:
+class Sample:
     """Recordings in which a claim acts, with the share of its size and their dispersion."""
 
     names: tuple[str, ...]
@@ -123,13 +123,23 @@ class _Sample:
 
     @classmethod
     def of(
-        cls, estimate: FleetEstimate, claim: Assessment, rows: Mapping[str, Sequence[Row]]
-    ) -> _Sample:
+        cls,
+        estimate: FleetEstimate,
+        claim: Assessment,
+        rows: Mapping[str, Sequence[Row]],
+        weights: FloatArray | None = None,
+    ) -> Sample:
+        """
+        Return a sample of the recordings that are in `rows`.
+
+        Of those with the largest `weights` (r,), by default their information on the claim.
+        """
         fleet, design = estimate.fleet, claim.candidate.design
         column = fleet.columns.first_effect + claim.candidate.effect
-        information = fleet.informations[:, column, column] * design**2
+        if weights is None:
+            weights = fleet.informations[:, column, column] * design**2
         usable = np.array([name in rows for name in fleet.names]) & (design > 0.0)
-        order = [int(i) for i in np.argsort(-information) if usable[i]][:_SAMPLE]
+        order = [int(i) for i in np.argsort(-weights) if usable[i]][:_SAMPLE]
         names = tuple(fleet.names[i] for i in order)
         inexact = MIN_GAIN_PER_NULL_EXCESS * float(estimate.selection.null_excess[order].sum())
         return cls(
@@ -138,6 +148,12 @@ class _Sample:
             np.array([_evidence(fleet, rows[name]).dispersion for name in names]),
             INDISTINGUISHABLE_LOSS + inexact,
         )
+
+    def required(self, estimate: FleetEstimate) -> float:
+        """Return the loss that a further claim must save in these recordings."""
+        selection = estimate.selection
+        required = selection.required(remaining_excess(estimate.fleet, estimate.model))
+        return float(sum(required[estimate.fleet.names.index(name)] for name in self.names))
 
     def rows_at(
         self, estimate: FleetEstimate, evidence_at: EvidenceAt
@@ -192,8 +208,8 @@ def local_fit(evidence: Evidence, values: Mapping[str, float]) -> LocalFit:
     return LocalFit(float(evidence.excess - gain), dict(zip(keys, x[k:], strict=True)))
 
 
-def _fitted(
-    estimate: FleetEstimate, i: int, key: str, sample: _Sample, evidence_at: EvidenceAt
+def fitted_in_place(
+    estimate: FleetEstimate, i: int, key: str, sample: Sample, evidence_at: EvidenceAt
 ) -> tuple[Assessment | None, float]:
     """Return a claim with another parameter, fitted to a sample, and the loss that it leaves."""
     claim, columns = estimate.claims[i], estimate.fleet.columns
@@ -206,12 +222,12 @@ def _fitted(
         if not low < size < high:
             return None, np.inf
         found = replace(claim, candidate=candidate, size=size)
-        at = _with(estimate, i, found)
+        at = with_claim(estimate, i, found)
         rows = sample.rows_at(at, evidence_at)
         if rows is None:
             return None, np.inf
         excess = sample.excess(at, rows)
-        others = _with(estimate, i, replace(found, size=0.0))
+        others = with_claim(estimate, i, replace(found, size=0.0))
         sizes = []
         for name, share in zip(sample.names, sample.shares, strict=True):
             fit = local_fit(_evidence(at.fleet, rows[name]), at.values_of(name))
@@ -221,7 +237,7 @@ def _fitted(
     return replace(found, size=float(np.clip(size, low, high))), excess
 
 
-def _with(estimate: FleetEstimate, i: int, claim: Assessment) -> FleetEstimate:
+def with_claim(estimate: FleetEstimate, i: int, claim: Assessment) -> FleetEstimate:
     return replace(estimate, claims=(*estimate.claims[:i], claim, *estimate.claims[i + 1 :]))
 
 

@@ -170,7 +170,7 @@ class Candidates:
         for effect in self.observable:
             which = np.ones(len(self.levels), dtype=bool)
             if saved is not None and excess is not None:
-                least = _LEAST_SAVED * self._required(excess)
+                least = _LEAST_SAVED * self.required(excess)
                 which = saved.exceeds(effect, least)
             if not which.any():
                 continue
@@ -220,9 +220,9 @@ class Candidates:
     def saves_enough(self, excess: FloatArray, left: FloatArray, design: FloatArray) -> bool:
         """Whether the loss falls enough where a design acts, from `excess` to `left` (r,)."""
         counted = best_half(excess, design)
-        return float((excess - left - self._required(excess))[counted].sum()) >= 0.0
+        return float((excess - left - self.required(excess))[counted].sum()) >= 0.0
 
-    def _required(self, excess: FloatArray) -> FloatArray:
+    def required(self, excess: FloatArray) -> FloatArray:
         """Return the loss (r,) that a candidate must save in each recording."""
         required = MIN_GAIN_PER_EXCESS * np.maximum(excess, 0.0)
         return np.asarray(required + MIN_GAIN_PER_NULL_EXCESS * self.null_excess)

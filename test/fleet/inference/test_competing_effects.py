@@ -7,8 +7,8 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from dataclasses import replace
 
-import numpy as np
 import pytest
+from helpers.numerical_fleets import evidence_of, row_at, row_of
 
 from adk_ros.fleet.inference.competing_effects import (
     competing_keys,
@@ -16,7 +16,7 @@ from adk_ros.fleet.inference.competing_effects import (
     local_fit,
     parameter_of,
 )
-from adk_ros.fleet.inference.evidence import RECORDING, Evidence, Row, column_of, effect_columns
+from adk_ros.fleet.inference.evidence import Row, effect_columns
 from adk_ros.fleet.inference.fleet_candidates import Identity, identity
 from adk_ros.fleet.inference.fleet_estimate import FleetEstimate
 from adk_ros.fleet.inference.fleet_evidence import FleetEvidence
@@ -25,8 +25,6 @@ from adk_ros.fleet.inference.levels import CAR, SHARED, Level
 from adk_ros.fleet.inference.numerical_fleet import FleetPlan, Injection, draw_fleet
 
 DELAY, LAG = "drive_torque_delay.delay", "drive_torque_lag.tau"
-MISFIT = 400.0
-"""Loss per squared difference of the torque's lag from the true one, in materiality thresholds."""
 
 
 @pytest.mark.parametrize(
@@ -66,7 +64,7 @@ def test_a_lag_that_was_claimed_as_a_delay() -> None:
         assert at is not None
         assert names is not None
         asked.append(tuple(names))
-        return [row_at(at, name, truth) for name in names], {}
+        return [row_at(at, name, LAG, truth) for name in names], {}
 
     found, worse = exchanged_for_competing(estimate, rows, evidence_at)
     assert claimed(found) == [(LAG, "car02")]
@@ -93,7 +91,7 @@ def test_a_claim_stays(reason: str) -> None:
         if reason == "no evidence":
             return [], dict.fromkeys(names, "timed out")
         if reason == "as good":
-            return [row_at(at, name, 7.0, excess_of(estimate, name)) for name in names], {}
+            return [row_at(at, name, LAG, 7.0, excess_of(estimate, name)) for name in names], {}
         return [rows[name][0] for name in names], {}
 
     found, worse = exchanged_for_competing(estimate, rows, evidence_at)
@@ -116,7 +114,7 @@ def test_only_recordings_that_are_linearised_at_the_claim_are_compared() -> None
         assert at is not None
         assert names is not None
         asked.update(names)
-        return [row_at(at, name, 7.0) for name in names], {}
+        return [row_at(at, name, LAG, 7.0) for name in names], {}
 
     some = {name: rows[name] for name in rows if name != of_car[0]}
     found, _ = exchanged_for_competing(estimate, some, evidence_at)
@@ -155,52 +153,7 @@ def about(estimate: FleetEstimate, key: str, level: Level) -> Identity:
     return estimate.fleet.columns.effects.index(key), level
 
 
-def evidence_of(fleet: FleetEvidence, i: int) -> Evidence:
-    return Evidence(
-        fleet.names[i],
-        RECORDING,
-        fleet.columns,
-        fleet.scores[i],
-        fleet.informations[i],
-        150.0,
-        loss=float(fleet.expected_loss[i] + fleet.excess[i]),
-        expected_loss=float(fleet.expected_loss[i]),
-    )
-
-
-def row_of(fleet: FleetEvidence, i: int) -> Row:
-    return evidence_of(fleet, i).to_row()
-
-
 def excess_of(estimate: FleetEstimate, name: str) -> float:
     """Return the loss that the claims of an estimate leave of a recording."""
     one = evidence_of(estimate.fleet, estimate.fleet.names.index(name))
     return local_fit(one, estimate.values_of(name)).excess
-
-
-def row_at(estimate: FleetEstimate, name: str, truth: float, excess: float = -300.0) -> Row:
-    """Return the evidence of a recording at a lag, which leaves less of the loss than a delay."""
-    fleet = estimate.fleet
-    i = fleet.names.index(name)
-    columns = fleet.columns
-    lag = estimate.values_of(name)[LAG] / column_of(LAG).materiality
-    assert DELAY not in estimate.values_of(name)
-    j = columns.first_effect + columns.effects.index(LAG)
-    information = np.zeros((columns.size, columns.size))
-    information[j, j] = MISFIT
-    score = np.zeros(columns.size)
-    score[j] = MISFIT * truth
-    point = np.zeros(columns.size)
-    point[j] = lag
-    expected = float(fleet.expected_loss[i])
-    return Evidence(
-        name,
-        RECORDING,
-        columns,
-        score,
-        information,
-        150.0,
-        loss=expected + excess + MISFIT * (lag - truth) ** 2,
-        expected_loss=expected,
-        point=point,
-    ).to_row()
