@@ -11,6 +11,7 @@ import numpy as np
 from adk_ros.fleet.inference.evidence import RECORDING, Evidence, Row, column_of
 from adk_ros.fleet.inference.fleet_estimate import FleetEstimate
 from adk_ros.fleet.inference.fleet_evidence import FleetEvidence
+from adk_ros.fleet.inference.fleet_model import FleetModel
 
 MISFIT = 400.0
 """Loss per squared difference of the size from the true one, in materiality thresholds."""
@@ -74,3 +75,8 @@ def row_at(
         expected_loss=expected,
         point=point,
     ).to_row()
+
+
+def claimed(fleet: FleetEvidence, model: FleetModel) -> set[tuple[str, str]]:
+    """Return parameter and level of each claim."""
+    return {(fleet.columns.effects[c.effect], c.level.text) for c in model.claimed}

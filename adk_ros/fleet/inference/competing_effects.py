@@ -132,21 +132,24 @@ class Sample:
         """
         Return a sample of the recordings that are in `rows`.
 
-        Of those with the largest `weights` (r,), by default their information on the claim.
+        Of those with the largest `weights` (r,), by default their information on the claim over
+        what each adds to the margin: a large other effect leaves more by its inexact equation than
+        a delay that is a lag.
         """
         fleet, design = estimate.fleet, claim.candidate.design
         column = fleet.columns.first_effect + claim.candidate.effect
+        inexact = MIN_GAIN_PER_NULL_EXCESS * estimate.selection.null_excess
         if weights is None:
-            weights = fleet.informations[:, column, column] * design**2
+            information = fleet.informations[:, column, column] * design**2
+            weights = information / (INDISTINGUISHABLE_LOSS / _SAMPLE + inexact)
         usable = np.array([name in rows for name in fleet.names]) & (design > 0.0)
         order = [int(i) for i in np.argsort(-weights) if usable[i]][:_SAMPLE]
         names = tuple(fleet.names[i] for i in order)
-        inexact = MIN_GAIN_PER_NULL_EXCESS * float(estimate.selection.null_excess[order].sum())
         return cls(
             names,
             design[order],
             np.array([_evidence(fleet, rows[name]).dispersion for name in names]),
-            INDISTINGUISHABLE_LOSS + inexact,
+            INDISTINGUISHABLE_LOSS + float(inexact[order].sum()),
         )
 
     def required(self, estimate: FleetEstimate) -> float:

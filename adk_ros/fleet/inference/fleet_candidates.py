@@ -20,6 +20,7 @@ import numpy as np
 from adk_ros.fleet.inference.assessment import Assessment, assessment_of, extended
 from adk_ros.fleet.inference.fleet_evidence import FleetEvidence
 from adk_ros.fleet.inference.fleet_model import (
+    MIN_SHARED_GAIN,
     Candidate,
     FleetModel,
     explained_by,
@@ -45,13 +46,6 @@ MIN_GAIN_PER_NULL_EXCESS = 5e-4
 Least gain, as a share of the excess loss before any claim. Lower than that of one recording
 (`criteria.MIN_GAIN_PER_NULL_EXCESS`): a fleet has weak effects of single cars next to strong ones
 of all. On development fleets (doc/fleet-inference.md).
-"""
-MIN_SHARED_GAIN = 2.6e-3
-"""
-Least gain of what acts in all recordings, as a share of what other claims of all recordings
-explain in its equations: what an inexact equation of all cars leaves is the same in all of them,
-and no chance. On development fleets: second effects that are there save 0.0068 to 0.038 (seeds 41
-and 82), absent ones next to a payload at most 0.001; the geometric mean (doc/fleet-inference.md).
 """
 _LARGE_DEVIATION, _REFITTED = 0.5, 2
 """Deviation between cars, in materiality thresholds, that is fitted again with a candidate, and

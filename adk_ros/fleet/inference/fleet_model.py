@@ -21,7 +21,18 @@ from adk_ros.numerics.bounded_quadratic import bounded_maxima
 _OFFSET_VARIANCE = 2.0
 """Prior variance of a recording's sensor offsets: the car's and its own."""
 
-
+MIN_SHARED_GAIN = 2.6e-3
+"""
+Least gain of what acts in all recordings, as a share of what other claims of all recordings
+explain in its equations: what an inexact equation of all cars leaves is the same in all of them,
+and no chance. On development fleets: second effects that are there save 0.0068 to 0.038 (seeds 41
+and 82), absent ones next to a payload at most 0.001; the geometric mean (doc/fleet-inference.md).
+"""
+WINDS = frozenset({"headwind", "crosswind"})
+"""
+Effects that all recordings have by chance only, relative to the car: where something else is
+likelier, that is claimed, by whatever little.
+"""
 _FAR = 3.0
 """Multiple of the middle car's loss from which a car has a fault that others lack. By choice."""
 
@@ -143,6 +154,12 @@ def share_equation(fleet: FleetEvidence, a: Candidate, b: Candidate) -> bool:
     return bool(equations[0] & equations[1])
 
 
+def is_steady_wind(fleet: FleetEvidence, claim: Candidate) -> bool:
+    """Whether a claim is a wind that all recordings have from one side of the car."""
+    effect = fleet.columns.column(fleet.columns.effects[claim.effect]).effect.name
+    return claim.level.kind == SHARED and effect in WINDS
+
+
 def explained_by(
     fleet: FleetEvidence, model: FleetModel, claims: Sequence[Candidate]
 ) -> FloatArray:
@@ -158,13 +175,18 @@ def inexactness(
     """
     Return the loss that may remain because the equation of a claim of all cars is not exact.
 
-    The share `criteria.MIN_GAIN_PER_NULL_EXCESS` of what the claim explains in `model`; zero for a
-    claim at another level, and if any of `others` acts in other equations. What remains is the
-    same in all recordings, so that more of them do not make it chance.
+    A share of what the claim explains in `model`: `criteria.MIN_GAIN_PER_NULL_EXCESS`, or, if it
+    is one of `others`, `MIN_SHARED_GAIN`, as when the other of them was selected. Zero for a claim
+    at another level, for a wind, which does not blow in all recordings alike, and if any of
+    `others` acts in other equations. What remains is the same in all recordings, so that more of
+    them do not make it chance.
     """
-    if claim.level.kind != SHARED or not all(share_equation(fleet, claim, c) for c in others):
+    is_exact = claim.level.kind != SHARED or is_steady_wind(fleet, claim)
+    if is_exact or not all(share_equation(fleet, claim, c) for c in others):
         return 0.0
-    return MIN_GAIN_PER_NULL_EXCESS * float(explained_by(fleet, model, [claim]).sum())
+    is_one_of_them = any(claim.effect == c.effect for c in others)
+    share = MIN_SHARED_GAIN if is_one_of_them else MIN_GAIN_PER_NULL_EXCESS
+    return share * float(explained_by(fleet, model, [claim]).sum())
 
 
 def likelihood(fleet: FleetEvidence, model: FleetModel) -> float:

@@ -23,6 +23,7 @@ from adk_ros.fleet.inference.fleet_model import (
     Candidate,
     FleetModel,
     inexactness,
+    is_steady_wind,
     likelihood,
     remaining_excess,
 )
@@ -89,6 +90,8 @@ def _with_one_less(
             if candidate.level in levels or candidate.level.car == a.level.car
         }
         for candidate in list(reversed(near.values()))[:_EXAMINED]:
+            if is_steady_wind(selection.fleet, candidate):
+                continue
             one = selection.with_fitted_onset(rest, selection.assess(rest, candidate))
             if not selection.is_claimable(one):
                 continue

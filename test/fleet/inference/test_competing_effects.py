@@ -7,10 +7,12 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from helpers.numerical_fleets import evidence_of, row_at, row_of
 
 from adk_ros.fleet.inference.competing_effects import (
+    Sample,
     competing_keys,
     exchanged_for_competing,
     local_fit,
@@ -122,6 +124,19 @@ def test_only_recordings_that_are_linearised_at_the_claim_are_compared() -> None
     assert asked == set(of_car[1:])
     none = {name: rows[name] for name in rows if name not in of_car}
     assert exchanged_for_competing(estimate, none, evidence_at) == (estimate, {})
+
+
+def test_recordings_with_little_else_are_compared() -> None:
+    """What a large other effect leaves is in the margin: it decides nothing."""
+    estimate, rows = claimed_delay(Level(SHARED))
+    fleet = estimate.fleet
+    other = np.arange(len(fleet.names)) % 2 == 0
+    estimate.selection.null_excess = np.where(other, 1e6, 100.0)
+    sample = Sample.of(estimate, estimate.claims[0], rows)
+    assert not any(other[fleet.names.index(name)] for name in sample.names)
+    assert sample.margin < 10.0
+    given = Sample.of(estimate, estimate.claims[0], rows, weights=other.astype(np.float64))
+    assert all(other[fleet.names.index(name)] for name in given.names)
 
 
 def delayed_fleet(level: Level) -> FleetEvidence:

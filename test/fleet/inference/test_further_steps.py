@@ -9,6 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from helpers.numerical_fleets import claimed
 
 from adk_ros.fleet.inference import fleet_estimate
 from adk_ros.fleet.inference.assessment import Assessment, extended
@@ -18,24 +19,17 @@ from adk_ros.fleet.inference.fleet_evidence import FleetEvidence
 from adk_ros.fleet.inference.fleet_model import (
     Candidate,
     FleetModel,
-    inexactness,
     likelihood,
     remaining_excess,
-    share_equation,
     strangers_of,
 )
 from adk_ros.fleet.inference.fleet_selection import Selection
 from adk_ros.fleet.inference.levels import CAR, CONDITION, RAMP, SHARED, STEP, Level
 from adk_ros.fleet.inference.numerical_fleet import FleetPlan, Injection, draw_fleet
 from adk_ros.fleet.inference.saved_loss import SavedLoss, best_half
-from adk_ros.fleet.inference.simplification import explaining, simplified
+from adk_ros.fleet.inference.simplification import explaining
 from adk_ros.fleet.inference.ties import tied_pairs
 from adk_ros.fleet.inference.variance_components import start_components
-from adk_ros.mismatch.library.criteria import PENALTY_PER_PARAMETER
-
-
-def claimed(fleet: FleetEvidence, model: FleetModel) -> set[tuple[str, str]]:
-    return {(fleet.columns.effects[c.effect], c.level.text) for c in model.claimed}
 
 
 def test_a_fault_of_one_car_does_not_hide_that_of_another() -> None:
@@ -182,76 +176,6 @@ def test_saved_loss_lets_a_claim_follow_that_stands_for_two() -> None:
     assert most >= float((excess - left)[counted].sum()) > 0.0
     stays = replace(saved, claimed=saved.claimed[:0])
     assert most > 1.5 * float(stays.most(other.effect)[0])
-
-
-def test_a_claim_that_saves_nothing_next_to_the_others_is_dropped() -> None:
-    drag = Injection("aero_drag.cda", Level(SHARED), 12.0)
-    fleet = draw_fleet(3, FleetPlan(effects=6, bias=0.0, deviation=0.3, injections=(drag,)))
-    selection = Selection(fleet)
-    needless = Level(CAR, car="car02")
-    model = FleetModel(
-        (
-            Candidate(0, Level(SHARED), np.ones(len(fleet.names))),
-            Candidate(5, needless, needless.design(fleet)),
-        ),
-        {},
-    )
-    kept = explaining(selection, selection.refitted(model))
-    assert claimed(fleet, kept) == {("aero_drag.cda", "all cars")}
-
-
-DRAG = "aero_drag.cda"
-
-
-def two_of_all_cars(
-    second: str, size: float
-) -> tuple[FleetEvidence, Selection, FleetModel, tuple[Candidate, Candidate]]:
-    """Return a fleet with a large drag and a second effect in all cars, both claimed."""
-    injections = tuple(
-        Injection(key, Level(SHARED), x) for key, x in ((DRAG, 12.0), (second, size))
-    )
-    fleet = draw_fleet(3, FleetPlan(effects=6, bias=0.0, deviation=0.05, injections=injections))
-    everywhere = np.ones(len(fleet.names))
-    a, b = (
-        Candidate(fleet.columns.effects.index(one.key), Level(SHARED), everywhere)
-        for one in injections
-    )
-    selection = Selection(fleet)
-    return fleet, selection, selection.refitted(FleetModel((a, b), {})), (a, b)
-
-
-@pytest.mark.parametrize(("size", "stays"), [(0.5, False), (3.0, True)])
-def test_what_an_inexact_equation_may_leave_is_no_second_effect(size: float, stays: bool) -> None:
-    """However likely: an equation of all cars leaves the same in all recordings."""
-    fleet, selection, both, (drag, rolling) = two_of_all_cars(ROLLING, size)
-    alone = selection.without(both, rolling)
-    allowed = inexactness(fleet, alone, drag, [rolling])
-    more = float((remaining_excess(fleet, alone) - remaining_excess(fleet, both)).sum())
-    assert (more > allowed) is stays
-    gain = likelihood(fleet, both) - likelihood(fleet, alone)
-    assert gain > PENALTY_PER_PARAMETER
-    found, replaced = simplified(selection, both)
-    names = {(DRAG, "all cars"), *([(ROLLING, "all cars")] if stays else [])}
-    assert claimed(fleet, found) == names
-    assert replaced == (set() if stays else {identity(rolling)})
-    assert claimed(fleet, selection.select(found, replaced)) == names
-
-
-def test_an_effect_in_other_equations_is_no_inexactness_of_a_claim() -> None:
-    """A drag leaves nothing to the side, however large it is."""
-    fleet, selection, both, (drag, wind) = two_of_all_cars(WIND, 0.5)
-    assert not share_equation(fleet, drag, wind)
-    assert inexactness(fleet, both, drag) > 0.0
-    assert inexactness(fleet, both, drag, [wind]) == 0.0
-    found, replaced = simplified(selection, both)
-    assert (found, replaced) == (both, set())
-
-
-def test_a_fault_of_one_car_has_no_inexactness_of_all() -> None:
-    fleet, _, both, (drag, _) = two_of_all_cars(ROLLING, 3.0)
-    level = Level(CAR, car="car02")
-    of_one = replace(drag, level=level, design=level.design(fleet))
-    assert inexactness(fleet, both, of_one) == 0.0
 
 
 def test_a_pair_that_is_likelier_than_a_claim_is_its_tie() -> None:
