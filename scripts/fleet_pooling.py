@@ -105,7 +105,10 @@ def main() -> None:
             text = f" {fleet.thresholds:.2f} thresholds" if fleet.effect else ""
             print(f"seed {fleet.seed}{text}: {'; '.join(one.lines) or 'nothing'}", flush=True)
             found.append(one)
-    material = [one for fleet, one in zip(fleets, found, strict=True) if fleet.thresholds >= 1.0]
+    # The size of several effects is the threshold itself, but for rounding.
+    material = [
+        one for fleet, one in zip(fleets, found, strict=True) if round(fleet.thresholds, 6) >= 1.0
+    ]
     for which, ones in (("effects", found), ("effects of a threshold and more", material)):
         if not given.nothing:
             named, tied = sum(one.named for one in ones), sum(one.tied for one in ones)

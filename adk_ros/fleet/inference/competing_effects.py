@@ -154,9 +154,12 @@ class Sample:
 
     def required(self, estimate: FleetEstimate) -> float:
         """Return the loss that a further claim must save in these recordings."""
-        selection = estimate.selection
-        required = selection.required(remaining_excess(estimate.fleet, estimate.model))
-        return float(sum(required[estimate.fleet.names.index(name)] for name in self.names))
+        excess = remaining_excess(estimate.fleet, estimate.model)
+        return self.sum_of(estimate, estimate.selection.required(excess))
+
+    def sum_of(self, estimate: FleetEstimate, values: FloatArray) -> float:
+        """Return the sum of values (r,) over these recordings."""
+        return float(sum(values[estimate.fleet.names.index(name)] for name in self.names))
 
     def rows_at(
         self, estimate: FleetEstimate, evidence_at: EvidenceAt

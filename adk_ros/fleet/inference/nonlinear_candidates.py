@@ -4,10 +4,10 @@
 Effects that only the loss at their size shows, as candidates of the next linearisation.
 
 Power limits, friction and delays are not linear: without them their derivative is the secant to a
-start value, by which a weaker limit seems to act where it does not. So a candidate may be
-significant, and yet save no loss in the linear problem. A few recordings in which it acts are
-linearised with it; if that saves enough of their loss, all are linearised there next, and the
-selection decides.
+start value, by which a weaker limit seems to act where it does not. So a candidate may seem to
+differ between recordings, and save no loss in the linear problem. A few recordings that are
+explained worst are linearised with it; if that saves enough of their loss, all are linearised
+there next, and the selection decides.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from adk_ros.fleet.inference.fleet_candidates import Identity, identity
 from adk_ros.fleet.inference.fleet_estimate import EvidenceAt, FleetEstimate
 from adk_ros.fleet.inference.fleet_model import Candidate, remaining_excess
 from adk_ros.fleet.inference.levels import SHARED, Level
+from adk_ros.mismatch.library.criteria import FAMILYWISE_ERROR_RATE
 from adk_ros.numerics.arrays import FloatArray
 
 _TRIED = 2
@@ -47,7 +48,8 @@ class NonlinearCandidates:
             self._tried.add(identity(candidate.candidate))
             # Where much is unexplained: by its derivative, it may act where it does not.
             sample = Sample.of(estimate, candidate, rows, excess)
-            if not sample.names:
+            least = sample.required(estimate) + sample.margin
+            if not sample.names or sample.sum_of(estimate, excess) < least:
                 continue
             before = sample.rows_at(estimate, evidence_at)
             if before is None:
@@ -59,12 +61,12 @@ class NonlinearCandidates:
             if found is None:
                 continue
             saved = sample.excess(estimate, before) - left
-            if saved >= sample.required(estimate) + sample.margin:
+            if saved >= least:
                 estimate = replace(with_it, claims=(*estimate.claims, found))
         return estimate
 
     def _candidates(self, estimate: FleetEstimate, excess: FloatArray) -> list[Assessment]:
-        """Return what is claimable but for the loss that it saves, most evidence first."""
+        """Return what may be claimable at its size and is not without it, most evidence first."""
         selection, model, columns = estimate.selection, estimate.model, estimate.fleet.columns
         level = Level(SHARED)
         everywhere = [
@@ -82,6 +84,9 @@ class NonlinearCandidates:
         found = [
             one
             for one in found
-            if selection.is_claimable(one) and not selection.explains(model, one, excess)
+            if one.p_value < FAMILYWISE_ERROR_RATE
+            and one.is_material()
+            and selection.is_possible(one)
+            and not (selection.is_claimable(one) and selection.explains(model, one, excess))
         ]
         return sorted(found, key=lambda one: -one.evidence)
