@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 from adk_ros.api.fleet.index_stage import file_hash
@@ -96,8 +96,9 @@ def identified_simulation(
         read_log(path, inputs.simulation_reading, wheel_radius=radius)
         for path in (inputs.simulation, *inputs.further)
     )
+    size = 1.0 if nominal is None else nominal.length_scale
     for log in further:
-        check_recording(log, is_simulation=True)
+        check_recording(replace(log, length_scale=size), is_simulation=True)
 
     def report(done: float, text: str) -> None:
         if progress is not None:
