@@ -170,6 +170,8 @@ class FleetResult:
     visited: tuple[tuple[float, float, int], ...]
     """Centres x, y (m) of the map's cells, and how many recordings pass them."""
     tests: int
+    further_drives: int = 0
+    """Further drives of the simulation that show the surrogate's error on roads of the fleet."""
 
     def as_dict(self) -> dict[str, object]:
         """Return plain values, for JSON."""
@@ -232,6 +234,7 @@ def fleet_result(
         tuple(_trends(estimate, at)),
         tuple((*cell.centre, count) for cell, count in estimate.visits.items()),
         selection.tests,
+        0 if fleet.error is None else fleet.error.drives,
     )
 
 

@@ -100,6 +100,17 @@ def test_the_page_shows_claims_vehicles_trends_places_and_links(tmp_path: Path) 
     assert (tmp_path / "fleet.json").exists()
 
 
+def test_the_page_says_whether_the_error_on_other_roads_is_known(tmp_path: Path) -> None:
+    known = replace(result(), further_drives=3)
+    for found, said in (
+        (known, "in 3 further drives of the simulation"),
+        (result(), "hides small"),
+    ):
+        text = write_fleet_page(found, tmp_path).read_text()
+        assert said in text
+        assert ("--further-simulation" in text) == (found.further_drives == 0)
+
+
 def test_models_of_claims_that_are_no_longer_made_are_removed(tmp_path: Path) -> None:
     (tmp_path / "simulation.yaml").touch()
     models = corrected_models(result(), surrogate())
