@@ -88,7 +88,7 @@ def tied_pairs(
     Return pairs of effects of all cars that are likelier than a claim; none if no pair is.
 
     Such a pair is not claimed where the inexact equation of the claim may leave the difference
-    (`fleet_model.inexactness`): headwind, or drag and rolling resistance.
+    (`fleet_model.inexactness`): a payload, or larger wheels and a rotating inertia.
     """
     if claim.candidate.level.kind != SHARED:
         return []
