@@ -118,14 +118,12 @@ def fleet_mismatch(
     from adk_ros.fleet.report.fleet_rows import unplaced_text
 
     timer = RunTimer()
-    out, simulation, options = Path(out), Path(simulation), options or FleetOptions()
+    out, options = Path(out), options or FleetOptions()
     check_options(options)
-    reading = recording_options or RecordingOptions()
-    inputs = SimulationInputs(
-        simulation, vehicle, without_imu, reading, simulation_options or reading,
-        tuple(Path(path) for path in further_simulations),
+    inputs = SimulationInputs.of(
+        simulation, further_simulations, vehicle, without_imu, recording_options,
+        simulation_options,
     )  # fmt: skip
-    inputs.check()
     listed, table = listed_recordings(recordings, options)
     found = chosen_recordings(listed, options.limits.count)
     limits = replace(options.limits, count=None)
@@ -158,7 +156,7 @@ def fleet_mismatch(
                 estimate: FleetEstimate | None, moved: Collection[str] | None
             ) -> tuple[list[Row], dict[str, str]]:
                 point = point_file(shared, estimate)
-                stage = EvidenceStage(str(path), point, without_imu, reading, str(logs))
+                stage = EvidenceStage(str(path), point, without_imu, inputs.reading, str(logs))
                 # What has no evidence without effects has none at an estimate either.
                 names = {x.name for x in found} if estimate is None else set(estimate.fleet.names)
                 names &= names if moved is None else set(moved)
@@ -175,7 +173,7 @@ def fleet_mismatch(
             surrogate = shared / REPORT / "simulation.yaml"
             surrogate.write_text(simulation_model(known.surrogate), encoding="utf-8")
             folder = shared / REPORT / RECORDINGS
-            stage = ReportStage(str(surrogate), str(folder), without_imu, reading)
+            stage = ReportStage(str(surrogate), str(folder), without_imu, inputs.reading)
             forget_lost_files(out, stage.name, folder, "report")
             shown = [recording for recording in found if recording.name in worst]
             run_stage(stage, shown, out, lambda: nullcontext(cluster()), limits, progress)
@@ -185,7 +183,7 @@ def fleet_mismatch(
         failed = tuple(sorted(analysis.failed.items()))
         models = corrected_models(analysis.result, known.surrogate)
         links = _links(out, stage, shown)
-        sources: list[tuple[str, Path | str | None]] = [("simulation", simulation)]
+        sources: list[tuple[str, Path | str | None]] = [("simulation", inputs.simulation)]
         sources += [("further simulation", further) for further in inputs.further]
         if vehicle is not None and Path(vehicle).is_file():
             sources.append(("vehicle", vehicle))

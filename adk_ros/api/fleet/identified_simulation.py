@@ -38,21 +38,30 @@ class SimulationInputs:
     simulation_reading: RecordingOptions
     further: tuple[Path, ...] = ()
 
-    def check(self) -> None:
+    @classmethod
+    def of(
+        cls,
+        simulation: Path | str,
+        further: Sequence[Path | str],
+        vehicle: Path | str | None,
+        without_imu: bool,
+        reading: RecordingOptions | None,
+        simulation_reading: RecordingOptions | None,
+    ) -> SimulationInputs:
         """
-        Check that the bags of the simulator exist.
+        Return the inputs, with the options of the recordings for the simulator's bags by default.
 
-        :raises UsageError: one does not, or is given twice.
+        :raises UsageError: a bag of the simulator does not exist, or is given twice.
         """
-        if not self.simulation.exists():
-            raise UsageError(f"--simulation {self.simulation} does not exist")
-        known = {self.simulation.resolve()}
-        for path in self.further:
+        reading = reading or RecordingOptions()
+        bags = (Path(simulation), *(Path(path) for path in further))
+        for i, path in enumerate(bags):
+            option = "--further-simulation" if i else "--simulation"
             if not path.exists():
-                raise UsageError(f"--further-simulation {path} does not exist")
-            if path.resolve() in known:
-                raise UsageError(f"--further-simulation {path} is given already: another drive")
-            known.add(path.resolve())
+                raise UsageError(f"{option} {path} does not exist")
+            if path.resolve() in {other.resolve() for other in bags[:i]}:
+                raise UsageError(f"{option} {path} is given already: another drive")
+        return cls(bags[0], vehicle, without_imu, reading, simulation_reading or reading, bags[1:])
 
     def file(self, out: Path) -> Path:
         """

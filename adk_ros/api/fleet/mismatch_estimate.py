@@ -59,20 +59,18 @@ def estimate_mismatch(
     """
     from adk_ros.fleet.inference.analysis import USUAL_PASSES
 
-    simulation, out, options = Path(simulation), Path(out), options or FleetOptions()
+    out, options = Path(out), options or FleetOptions()
     check_options(options)
-    reading = recording_options or RecordingOptions()
-    inputs = SimulationInputs(
-        simulation, vehicle, without_imu, reading, simulation_options or reading,
-        tuple(Path(path) for path in further_simulations),
+    inputs = SimulationInputs.of(
+        simulation, further_simulations, vehicle, without_imu, recording_options,
+        simulation_options,
     )  # fmt: skip
-    inputs.check()
     options = replace(options, workers=workers_of(options))
     listed, table = listed_recordings(recordings, options)
     found = chosen_recordings(listed, options.limits.count)
     options = replace(options, limits=replace(options.limits, count=None))
     path = inputs.file(out)
-    stage = EvidenceStage(str(path) if path.exists() else "", "", without_imu, reading)
+    stage = EvidenceStage(str(path) if path.exists() else "", "", without_imu, inputs.reading)
     first = replace(estimate_stage(stage, found, out, options), notes=table.notes)
     is_finished = first.missing == 0 and (out / REPORT / "fleet.json").is_file()
     if is_finished:
