@@ -87,14 +87,19 @@ def _check_same_car(
     alone = np.diag(information)[k:] - (gain * information[:k, k:]).sum(axis=0)
     tests = len(columns.effects)
     most = float(-stdtrit(FLEETS - 1, 0.5 * FAMILYWISE_ERROR_RATE / tests))
-    for key, s, h in zip(columns.effects, scores, alone, strict=True):
-        if h <= 0.0:
-            continue
-        column, size = columns.column(key), s / h
-        if abs(size) > most * np.sqrt(shared_error(key) ** 2 + share / h):
-            names = ", ".join(log.name for log in logs)
-            raise DifferentCar(
-                f"{names}: {column.effect.name} differs from the simulation by "
-                f"{size * column.materiality:+.3g} ({column.parameter.name}): give drives of the "
-                "same simulated car as --further-simulation, on other roads"
-            )
+    found = {
+        key: (s / h, float(np.sqrt(shared_error(key) ** 2 + share / h)))
+        for key, s, h in zip(columns.effects, scores, alone, strict=True)
+        if h > 0.0
+    }
+    if not found:
+        return
+    key, (size, usual) = max(found.items(), key=lambda one: abs(one[1][0]) / one[1][1])
+    if abs(size) > most * usual:
+        names = ", ".join(log.name for log in logs)
+        column = columns.column(key)
+        raise DifferentCar(
+            f"{names}: differs from the simulation, most clearly like {column.effect.name} "
+            f"({column.parameter.name} {size * column.materiality:+.3g}): give drives of the same "
+            "simulated car as --further-simulation, on other roads"
+        )
