@@ -18,21 +18,20 @@ from adk_ros.fleet.inference.recording_evidence import evidence_rows
 
 class MemoryFleet:
     """
-    The drives and the simulation of a plan; of what damages bags there is nothing.
+    The drives of a plan and the simulation, also on each route of the fleet.
 
-    `with_further`: whether the simulation is known on the routes of the fleet as well.
+    Of what damages bags there is nothing.
     """
 
-    def __init__(self, drives: FleetDrives, with_further: bool = True) -> None:
+    def __init__(self, drives: FleetDrives) -> None:
         plan = drives.plan
         self._logs = {planned.name: drives.drive(planned) for planned in plan.drives}
         typical = self._logs[plan.drives[0].name]
-        routes = range(plan.size.routes if with_further else 0)
         self.simulation = FleetSimulation.identify(
             drives.simulation(),
             typical,
             drives.nominal,
-            further=[drives.further_simulation(i) for i in routes],
+            further=[drives.further_simulation(i) for i in range(plan.size.routes)],
         )
         self._tags = {d.name: RecordingTags(d.car, d.day, d.tags) for d in plan.drives}
 

@@ -154,13 +154,16 @@ def analyse_fleet(
         if turn > _EARLY_PASSES:
             dropped.update(claimed - estimate.identities)
         before = before or estimate.loss_ratios
+        further = estimate
         if turn + 1 < MAX_PASSES:
             at_estimate = {name: rows[name] for name in rows if name not in outdated}
-            estimate = nonlinear.added(estimate, at_estimate, evidence_at)
-        moved = moved_to(estimate)
+            further = nonlinear.added(estimate, at_estimate, evidence_at)
+        moved = moved_to(further)
         is_settled = not _moved_cells(places, estimate.places)
         if turn >= _EARLY_PASSES and is_settled and not moved:
+            # Recordings are there already, and the selection has not claimed it.
             break
+        estimate = further
     assert estimate is not None
     result = fleet_result(estimate, before, progress, outdated)
     return FleetAnalysis(estimate, result, failed, outdated)

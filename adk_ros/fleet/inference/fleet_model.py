@@ -177,9 +177,8 @@ def inexactness(
 
     A share of what the claim explains in `model`: `criteria.MIN_GAIN_PER_NULL_EXCESS`, or, if it
     is one of `others`, `MIN_SHARED_GAIN`, as when the other of them was selected. Zero for a claim
-    at another level, for a wind, which does not blow in all recordings alike, and if any of
-    `others` acts in other equations. What remains is the same in all recordings, so that more of
-    them do not make it chance.
+    at another level, for a steady wind, and if any of `others` acts in other equations. What
+    remains is the same in all recordings, so that more of them do not make it chance.
     """
     is_exact = claim.level.kind != SHARED or is_steady_wind(fleet, claim)
     if is_exact or not all(share_equation(fleet, claim, c) for c in others):

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -77,8 +78,6 @@ def a_place(size: float, cell: Cell) -> Place:
 
 
 def test_the_first_step_is_limited() -> None:
-    from dataclasses import replace
-
     from adk_ros.fleet.inference.evidence import column_of
     from adk_ros.fleet.inference.fleet_selection import Selection
 
@@ -140,6 +139,37 @@ def test_a_recording_that_fails_in_a_later_pass_takes_part_as_it_is(with_place: 
         assert found.result.places[0].recordings == len(fleet.names)
         (place,) = found.estimate.places
         assert place.size == pytest.approx(6.0, rel=0.1)
+
+
+def test_a_candidate_at_which_recordings_are_already_is_no_claim(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """What is only tried does not end among the claims when nothing is linearised for it."""
+    drag = Injection("aero_drag.cda", Level(SHARED), 6.0)
+    plan = FleetPlan(cars=5, recordings=15, effects=2, bias=0.0, deviation=0.2, injections=(drag,))
+    fleet = draw_fleet(3, plan)
+
+    def tried(_: object, estimate: FleetEstimate, *__: object) -> FleetEstimate:
+        candidate = replace(estimate.claims[0].candidate, effect=1)
+        further = replace(estimate.claims[0], candidate=candidate, size=0.1)
+        return replace(estimate, claims=(*estimate.claims, further))
+
+    monkeypatch.setattr("adk_ros.fleet.inference.analysis.NonlinearCandidates.added", tried)
+    tags = {name: RecordingTags(c) for name, c in zip(fleet.names, fleet.cars, strict=True)}
+    simulation: Any = SimpleNamespace(evidence=evidence_of(fleet, 0, SIMULATION))
+    found = analyse_fleet(
+        lambda at, names: (
+            [
+                row
+                for name in (fleet.names if names is None else sorted(names))
+                for row in rows_at(fleet, name, at, False)
+            ],
+            {},
+        ),
+        simulation,
+        lambda rows: tags,
+    )
+    assert [claim.effect for claim in found.result.claims] == ["aero_drag"]
 
 
 def test_a_place_moves_only_the_recordings_that_pass_it() -> None:
