@@ -42,7 +42,7 @@ class Fleet:
 
     @property
     def thresholds(self) -> float:
-        """Size of the effect, in materiality thresholds: below one it is not reported."""
+        """Size of the effect, in materiality thresholds: less is a single car's tolerance."""
         if not self.effect:
             return 0.0
         ((name, value),) = scale_strength(self.effect, self.strength).items()

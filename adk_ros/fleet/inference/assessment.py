@@ -43,10 +43,6 @@ class Assessment:
         half = float(-stdtrit(self.freedom, 0.05)) * self.deviation
         return self.size - half, self.size + half
 
-    def is_material(self) -> bool:
-        """Whether the size matters, and is more than build tolerance."""
-        return abs(self.size) >= 1.0
-
 
 def assessment_of(
     candidate: Candidate,

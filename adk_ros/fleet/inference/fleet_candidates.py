@@ -6,8 +6,8 @@ Candidates of a selection over a fleet: which there are, and how each is judged 
 Significant is what chance exceeds in `criteria.FAMILYWISE_ERROR_RATE` of fleets anywhere among the
 examined parameters and levels (Bonferroni), places included. Scatter between recordings or cars
 raises the variance of a size and lowers its degrees of freedom, so that it is no evidence for a
-mean. A size must also exceed the materiality threshold: below, it does not matter, and a car's is
-build tolerance.
+mean. A size must also exceed build tolerance: the materiality threshold, and for an effect of all
+cars that of their mean, since the tolerances of n cars leave it by the root of n less.
 """
 
 from __future__ import annotations
@@ -178,8 +178,18 @@ class Candidates:
     def is_claimable(self, found: Assessment) -> bool:
         """Whether a candidate is significant, material, and possible."""
         return (
-            found.p_value < self.significance and found.is_material() and self.is_possible(found)
+            found.p_value < self.significance
+            and self.is_material(found)
+            and self.is_possible(found)
         )
+
+    def is_material(self, found: Assessment) -> bool:
+        """Whether a size is more than build tolerance, of one car or of the mean of all."""
+        return abs(found.size) >= self.tolerance(found.candidate.level)
+
+    def tolerance(self, level: Level) -> float:
+        """Return the size that build tolerance may have at a level, in materiality thresholds."""
+        return 1.0 / np.sqrt(self.fleet.known_cars) if level.kind == SHARED else 1.0
 
     def explains(
         self, model: FleetModel, found: Assessment, excess: FloatArray | None = None

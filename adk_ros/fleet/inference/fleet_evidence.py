@@ -136,6 +136,12 @@ class FleetEvidence:
         """Names of the cars, sorted."""
         return sorted(set(self.cars))
 
+    @property
+    def known_cars(self) -> int:
+        """Number of cars; recordings whose car is not known may be of one, and count as one."""
+        known = {car for car, name in zip(self.cars, self.names, strict=True) if car != name}
+        return len(known) + (len(known) < len(self.car_names))
+
     def kept(self, rows: Sequence[int]) -> FleetEvidence:
         """Return the evidence of some of the recordings."""
         at = np.asarray(rows, dtype=np.int64)

@@ -85,7 +85,7 @@ class NonlinearCandidates:
             one
             for one in found
             if one.p_value < FAMILYWISE_ERROR_RATE
-            and one.is_material()
+            and selection.is_material(one)
             and selection.is_possible(one)
             and not (selection.is_claimable(one) and selection.explains(model, one, excess))
         ]

@@ -137,8 +137,10 @@ def unclaimed(selection: Selection, model: FleetModel) -> list[Unclaimed]:
 def _reason(selection: Selection, model: FleetModel, found: Assessment, gain: float) -> str:
     if not selection.is_possible(found):
         return "the parameter would leave its range: another effect that the catalogue lacks"
-    if not found.is_material():
-        return "within the build tolerance of a car"
+    if not selection.is_material(found):
+        is_shared = found.candidate.level.kind == SHARED
+        of = f"the mean of {selection.fleet.known_cars} cars" if is_shared else "a car"
+        return f"within the build tolerance of {of}"
     if found.p_value < selection.significance:
         if not selection.explains(model, found):
             return "significant, but it explains too little of what differs"

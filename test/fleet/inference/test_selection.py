@@ -11,6 +11,7 @@ import pytest
 from helpers.numerical_fleets import with_same_derivatives
 
 from adk_ros.fleet.inference.assessment import Assessment, extended
+from adk_ros.fleet.inference.evidence import SimulationError
 from adk_ros.fleet.inference.fleet_model import Candidate, FleetModel, remaining_excess
 from adk_ros.fleet.inference.fleet_selection import Selection
 from adk_ros.fleet.inference.levels import (
@@ -128,6 +129,38 @@ def test_tolerances_beyond_their_bounds_explain_nothing() -> None:
     assert np.median(remaining_excess(fleet, empty)) > 30.0
     found = selection.assess(empty, Candidate(0, Level(SHARED), np.ones(len(fleet.names))))
     assert np.median(remaining_excess(fleet, extended(empty, found))) < 10.0
+
+
+def small_drag(level: Level, cars: tuple[str, ...] = ()) -> tuple[Selection, Assessment]:
+    """Return drag of 0.8 materiality thresholds at a level of six cars, well known."""
+    drag = Injection("aero_drag.cda", level, 0.8)
+    plan = FleetPlan(recordings=60, effects=6, bias=0.0, deviation=0.1, injections=(drag,))
+    fleet = draw_fleet(3, plan)
+    zero = np.zeros(fleet.columns.size)
+    fleet = replace(fleet, cars=cars or fleet.cars, error=SimulationError(zero, zero, 3))
+    selection = Selection(fleet)
+    effect = fleet.columns.effects.index("aero_drag.cda")
+    candidate = Candidate(effect, level, level.design(fleet))
+    return selection, selection.assess(FleetModel((), {}), candidate)
+
+
+@pytest.mark.parametrize(
+    ("level", "is_claimable"), [(Level(SHARED), True), (Level(CAR, car="car02"), False)]
+)
+def test_build_tolerance_is_of_single_cars(level: Level, is_claimable: bool) -> None:
+    selection, found = small_drag(level)
+    assert 0.5 < found.size < 1.0
+    assert found.p_value < selection.significance
+    assert selection.is_claimable(found) == is_claimable
+
+
+def test_recordings_of_unknown_cars_may_be_of_one() -> None:
+    names = small_drag(Level(SHARED))[0].fleet.names
+    for cars, known in ((names, 1), (("car01", "car02", *names[2:]), 3)):
+        selection, found = small_drag(Level(SHARED), cars)
+        assert selection.fleet.known_cars == known
+        assert selection.tolerance(Level(SHARED)) == pytest.approx(known**-0.5)
+        assert selection.is_claimable(found) == (known > 1)
 
 
 @pytest.mark.slow(seconds=60)
