@@ -180,10 +180,20 @@ class StageProcess:
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
             pass_fds=[theirs.fileno()],
-            env=os.environ | temporary | {"PYTHONPATH": os.pathsep.join(paths)},
+            env=_environment() | temporary | {"PYTHONPATH": os.pathsep.join(paths)},
         )
         theirs.close()
         self._connection = ours
+
+
+def _environment() -> dict[str, str]:
+    """
+    Return the variables of this process without the threshold at which Dask lets malloc trim.
+
+    With it, malloc maps and the kernel clears each array above 128 kB anew, which takes a third of
+    the time of a linearisation. What a process holds is bounded by its limit.
+    """
+    return {name: value for name, value in os.environ.items() if name != "MALLOC_TRIM_THRESHOLD_"}
 
 
 def serve(descriptor: int, scratch: str) -> None:

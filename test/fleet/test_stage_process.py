@@ -46,6 +46,17 @@ def test_values_and_errors(process, tmp_path) -> None:
     assert process.pid == pid, "errors do not end the process"
 
 
+def test_memory_is_not_given_back_after_each_array(monkeypatch) -> None:
+    monkeypatch.setenv("MALLOC_TRIM_THRESHOLD_", "65536")
+    monkeypatch.setenv("OPENBLAS_NUM_THREADS", "1")
+    started = StageProcess()
+    try:
+        assert started.run(os.getenv, ["MALLOC_TRIM_THRESHOLD_"]).value is None
+        assert started.run(os.getenv, ["OPENBLAS_NUM_THREADS"]).value == "1"
+    finally:
+        started.close()
+
+
 def test_time_and_death(process) -> None:
     reply = process.run(time.sleep, [60.0], timeout_s=0.2)
     assert (reply.failure, reply.reason) == (

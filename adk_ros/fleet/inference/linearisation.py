@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -41,12 +42,12 @@ class Linearisation:
     unweighted: FloatArray
     """(m,) the residuals without Huber's weights."""
 
-    @property
+    @cached_property
     def information(self) -> FloatArray:
         """The information H = J^T W J (d, d)."""
         return np.asarray(self.jacobian.T @ self.jacobian)
 
-    @property
+    @cached_property
     def score(self) -> FloatArray:
         """The score (d,) in absolute coordinates: -J^T W e + H x0."""
         return np.asarray(
