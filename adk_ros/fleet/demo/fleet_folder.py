@@ -30,6 +30,7 @@ from adk_ros.errors import UsageError
 from adk_ros.files.code_digest import code_digest
 from adk_ros.fleet.demo.fleet_drives import FleetDrives
 from adk_ros.fleet.demo.fleet_plan import FleetPlan, PlannedDrive
+from adk_ros.fleet.run_lock import LOCK_FILE, run_lock
 from adk_ros.mismatch.recording.sensor_log import SensorLog
 from adk_ros.offline.sensor_log_bag import write_sensor_log
 from adk_ros.plant.scenario.sensor_simulation import START_NS
@@ -73,17 +74,28 @@ def write_fleet(
 
     :param workers: processes that simulate, one core each; the fleet does not depend on it. With
         more than one, a script that calls this needs `if __name__ == "__main__":`.
-    :raises UsageError: the folder exists, and has another content than that.
+    :raises UsageError: the folder exists, and has another content than that, or another process
+        writes it.
     :raises DataError: a process was killed.
     """
     unfinished = out / _UNFINISHED
     of_plan = sha256(f"{plan!r} {code_digest()}".encode()).hexdigest()
     if out.exists() and not (unfinished.is_file() and unfinished.read_text() == of_plan):
         raise UsageError(f"{out} exists: give a new folder for the fleet")
+    with run_lock(out / _WRITING):
+        unfinished.write_text(of_plan)
+        _complete(plan, out, progress, workers)
+        unfinished.unlink()
+    shutil.rmtree(out / _WRITING, ignore_errors=True)
+
+
+def _complete(plan: FleetPlan, out: Path, progress: Progress | None, workers: int) -> None:
+    """Write what the folder of a plan lacks."""
     drives = FleetDrives(plan)
     (out / "drives").mkdir(parents=True, exist_ok=True)
-    unfinished.write_text(of_plan)
-    shutil.rmtree(out / _WRITING, ignore_errors=True)
+    for left in (out / _WRITING).iterdir():
+        if left.name != LOCK_FILE:
+            shutil.rmtree(left)
     (out / "vehicle.yaml").write_text(yaml.safe_dump(drives.nominal.model_dump()))
     with (out / "drives" / "fleet.csv").open("w", newline="") as file:
         table = csv.writer(file)
@@ -105,10 +117,8 @@ def write_fleet(
         for done, _ in enumerate(written, start=before + 1):
             if progress is not None:
                 progress(done, len(every))
-    shutil.rmtree(out / _WRITING, ignore_errors=True)
     # Last: a folder that has it is complete.
     (out / "truth.json").write_text(json.dumps(truth(drives), indent=1))
-    unfinished.unlink()
 
 
 def _written(

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import csv
 import json
+import threading
 from dataclasses import replace
 from pathlib import Path
 
@@ -159,3 +160,24 @@ def test_an_interrupted_fleet_continues(tmp_path: Path) -> None:
     assert all(path.stat().st_mtime_ns == at for path, at in written.items())
     write_fleet(plan, tmp_path / "whole")
     assert contents(out) == contents(tmp_path / "whole")
+
+
+def test_one_process_at_a_time_writes_a_fleet(tmp_path: Path) -> None:
+    plan = plan_fleet(4, FleetSize(1, 1, (10.0, 10.0), 20.0, 1, 0, 0))
+    out = tmp_path / "fleet"
+    refusals: list[str] = []
+
+    def second() -> None:
+        with pytest.raises(UsageError) as refused:
+            write_fleet(plan, out)
+        refusals.append(str(refused.value))
+
+    def meanwhile(done: int, total: int) -> None:
+        thread = threading.Thread(target=second)
+        thread.start()
+        thread.join()
+
+    write_fleet(plan, out, meanwhile)
+    assert len(refusals) == 3
+    assert all("is in use by process" in text for text in refusals)
+    assert not (out / ".writing").exists()
