@@ -27,18 +27,22 @@ from adk_ros.fleet.inference.fleet_estimate import (
     FleetEstimate,
     estimate_fleet,
 )
-from adk_ros.fleet.inference.fleet_evidence import RecordingTags
+from adk_ros.fleet.inference.fleet_evidence import FleetEvidence, RecordingTags
 from adk_ros.fleet.inference.fleet_result import FleetResult, fleet_result
 from adk_ros.fleet.inference.fleet_simulation import FleetSimulation
 from adk_ros.fleet.inference.linearisation_point import Point, has_moved, rounded_size
 from adk_ros.fleet.inference.nonlinear_candidates import NonlinearCandidates
 from adk_ros.fleet.inference.place_evidence import Cell
 from adk_ros.fleet.inference.places import Place
+from adk_ros.fleet.inference.representative_recordings import representative_recordings
 
 MAX_PASSES, USUAL_PASSES = 6, 3
-"""Linearisations: without effects, at a preliminary estimate, and until none moves."""
+"""
+Linearisations: without effects, at a preliminary estimate, and until none moves. One more where
+the early ones are of representative recordings.
+"""
 _EARLY_PASSES = 2
-"""Passes that are not near the estimate yet."""
+"""Passes after the first that are not near the estimate yet."""
 _FIRST_STEP = 10.0
 """
 Largest effect, in materiality thresholds, of the first step: it comes from derivatives without any
@@ -78,72 +82,48 @@ def analyse_fleet(
     Analyse a fleet; recordings without evidence are left out, with the reason.
 
     One that fails in a later pass, at its time limit for example, keeps its evidence of an earlier
-    one, and is not linearised again.
+    one, and is not linearised again. The early passes of a large fleet are of representative
+    recordings; the others are linearised at the estimate of these.
 
     :raises DataError: no recording has evidence.
     """
+    linearised = _LinearisedFleet(evidence_at)
+    linearised.update(None, None)
+    tags = tags_of(linearised.every_row())
+    ratios = linearised.loss_ratios()
+    active = representative_recordings({n: tags.get(n, RecordingTags(n)) for n in ratios})
+    passes = MAX_PASSES if len(active) == len(ratios) else MAX_PASSES + 1
     estimate: FleetEstimate | None = None
-    before: Mapping[str, float] = {}
-    failed: dict[str, str] = {}
-    outdated: dict[str, str] = {}
-    rows: dict[str, list[Row]] = {}
-    points: dict[str, Point] = {}
     places: tuple[Place, ...] = ()
-    moved: Collection[str] | None = None
+    moved: set[str] = set()
+    late: set[str] = set()
     dropped: Counter[Identity] = Counter()
     comparisons, nonlinear = EffectComparisons(), NonlinearCandidates()
-
-    def linearise(
-        at: FleetEstimate | None,
-        names: Collection[str] | None,
-        passing: Collection[str] = frozenset(),
-    ) -> None:
-        if names is not None and not names:
-            return
-        found, without = evidence_at(at, names)
-        by_name: dict[str, list[Row]] = {}
-        for row in found:
-            by_name.setdefault(str(row["recording"]), []).append(row)
-        rows.update(by_name)
-        for name in by_name:
-            points[name] = {} if at is None else _in_thresholds(at, at.point_of(name))
-            outdated.pop(name, None)
-        for name, why in without.items():
-            (outdated if name in rows else failed)[name] = why
-            if name in rows and name in passing:
-                # Others are linearised again at a place of which its rows do not know.
-                rows[name] = [row for row in rows[name] if row["kind"] == RECORDING]
-
-    def moved_to(at: FleetEstimate) -> list[str]:
-        up_to_date = (name for name in rows if name not in outdated)
-        return [
-            name
-            for name in up_to_date
-            if has_moved(points[name], _in_thresholds(at, at.values_of(name)))
-        ]
-
-    for turn in range(MAX_PASSES):
-        passing: set[str] = set()
+    for turn in range(passes):
         if estimate is not None:
-            if cells := _moved_cells(places, estimate.places):
-                passing = {name for name in rows if _passes(rows[name], cells)} - set(outdated)
+            cells = _moved_cells(places, estimate.places)
+            passing = linearised.passing(cells, active - late)
+            passing |= linearised.passing(cells | _cells_of(estimate.places), late)
+            if cells:
                 places = _linearised_at(places, estimate.places)
-                moved = {*(moved or ()), *passing}
             # All recordings are linearised at the same places.
             farthest = _FIRST_STEP if turn == 1 else np.inf
             estimate = replace(estimate, places=places, farthest=farthest)
-        linearise(estimate, moved, passing)
-        if estimate is not None:
-            at_estimate = {name: rows[name] for name in rows if name not in outdated}
+            due = moved | passing
+            # Claims that are exchanged move most recordings: those that decide come first.
+            first = due & comparisons.sampled(estimate, linearised.usable(active))
+            linearised.update(estimate, first, passing)
+            at_estimate = linearised.usable(active - (due - first))
             estimate = comparisons.exchanged(
                 estimate, at_estimate, evidence_at, is_near=turn >= _EARLY_PASSES
             )
-            linearise(estimate, moved_to(estimate))
-        every = [row for name in sorted(rows) for row in rows[name]]
+            due = (due - first) | linearised.moved_to(estimate, active)
+            linearised.update(estimate, due, passing)
+            late = set()
         claimed = frozenset() if estimate is None else estimate.identities
         estimate = estimate_fleet(
-            [simulation.evidence.to_row(), *every],
-            tags_of(every),
+            [simulation.evidence.to_row(), *linearised.every_row(active)],
+            tags,
             progress,
             ROUNDS if turn >= _EARLY_PASSES else _EARLY_ROUNDS,
             places,
@@ -153,20 +133,97 @@ def analyse_fleet(
         )
         if turn > _EARLY_PASSES:
             dropped.update(claimed - estimate.identities)
-        before = before or estimate.loss_ratios
+        if turn == _EARLY_PASSES and len(active) < len(ratios):
+            late = set(ratios) - active
+            active = frozenset(ratios)
+            rows = [simulation.evidence.to_row(), *linearised.every_row()]
+            estimate = estimate.of_fleet(FleetEvidence.of(rows, tags))
         further = estimate
-        if turn + 1 < MAX_PASSES:
-            at_estimate = {name: rows[name] for name in rows if name not in outdated}
-            further = nonlinear.added(estimate, at_estimate, evidence_at)
-        moved = moved_to(further)
-        is_settled = not _moved_cells(places, estimate.places)
+        if turn + 1 < passes and not late:
+            further = nonlinear.added(estimate, linearised.usable(active), evidence_at)
+        moved = linearised.moved_to(further, active)
+        is_settled = not late and not _moved_cells(places, estimate.places)
         if turn >= _EARLY_PASSES and is_settled and not moved:
             # Recordings are there already, and the selection has not claimed it.
             break
         estimate = further
     assert estimate is not None
-    result = fleet_result(estimate, before, progress, outdated)
-    return FleetAnalysis(estimate, result, failed, outdated)
+    outdated = linearised.outdated
+    result = fleet_result(estimate, ratios, progress, outdated)
+    return FleetAnalysis(estimate, result, linearised.failed, outdated)
+
+
+class _LinearisedFleet:
+    """
+    The rows of each recording, and where they are linearised.
+
+    `failed`: recordings without evidence -> reason; `outdated`: those with evidence of an earlier
+    pass only.
+    """
+
+    def __init__(self, evidence_at: EvidenceAt) -> None:
+        self._evidence_at = evidence_at
+        self._rows: dict[str, list[Row]] = {}
+        self._points: dict[str, Point] = {}
+        self.failed: dict[str, str] = {}
+        self.outdated: dict[str, str] = {}
+
+    def update(
+        self,
+        at: FleetEstimate | None,
+        names: Collection[str] | None,
+        passing: Collection[str] = frozenset(),
+    ) -> None:
+        """Linearise recordings, None for all; `passing`: that pass a place which has moved."""
+        if names is not None and not names:
+            return
+        found, without = self._evidence_at(at, names)
+        by_name: dict[str, list[Row]] = {}
+        for row in found:
+            by_name.setdefault(str(row["recording"]), []).append(row)
+        self._rows.update(by_name)
+        for name in by_name:
+            self._points[name] = {} if at is None else _in_thresholds(at, at.point_of(name))
+            self.outdated.pop(name, None)
+        for name, why in without.items():
+            (self.outdated if name in self._rows else self.failed)[name] = why
+            if name in self._rows and name in passing:
+                # Others are linearised again at a place of which its rows do not know.
+                self._rows[name] = [r for r in self._rows[name] if r["kind"] == RECORDING]
+
+    def every_row(self, names: Collection[str] | None = None) -> list[Row]:
+        """Return the rows of recordings, of all by default."""
+        chosen = sorted(self._rows if names is None else names)
+        return [row for name in chosen for row in self._rows[name]]
+
+    def loss_ratios(self) -> dict[str, float]:
+        """Return the loss of each recording over that of a perfect model."""
+        return {
+            name: float(row["loss_ratio"])
+            for name, rows in self._rows.items()
+            for row in rows
+            if row["kind"] == RECORDING
+        }
+
+    def usable(self, names: Collection[str]) -> dict[str, list[Row]]:
+        """Return the rows of those recordings that did not fail when they were due."""
+        return {n: self._rows[n] for n in self._rows if n in names and n not in self.outdated}
+
+    def moved_to(self, at: FleetEstimate, names: Collection[str]) -> set[str]:
+        """Return the recordings whose effects at an estimate are others than those of the rows."""
+        return {
+            name
+            for name in self.usable(names)
+            if has_moved(self._points[name], _in_thresholds(at, at.values_of(name)))
+        }
+
+    def passing(self, cells: Collection[Cell], names: Collection[str]) -> set[str]:
+        """Return the recordings that pass any of these cells."""
+        return {n for n, rows in self.usable(names).items() if cells and _passes(rows, cells)}
+
+
+def _cells_of(places: Sequence[Place]) -> set[Cell]:
+    return {cell for place in places for cell in place.cells}
 
 
 def _in_thresholds(estimate: FleetEstimate, values: Mapping[str, float]) -> Point:

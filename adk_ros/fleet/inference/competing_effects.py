@@ -57,14 +57,9 @@ def exchanged_for_competing(
     for i, claim in enumerate(estimate.claims):
         key = parameter_of(estimate, claim)
         known = identity(claim.candidate)
-        claimed = {
-            parameter_of(estimate, c)
-            for c in estimate.claims
-            if identity(c.candidate)[1] == known[1]
-        }
-        usable = set(estimate.fleet.columns.effects) - claimed
-        if known in kept or not usable.intersection(competing_keys(key)):
+        if not is_compared(estimate, claim, kept):
             continue
+        usable = _usable(estimate, claim)
         sample = Sample.of(estimate, claim, rows)
         if not sample.names:
             continue
@@ -87,6 +82,25 @@ def exchanged_for_competing(
         worse |= {one: winner for one, x in left.items() if x > left[winner] + sample.margin}
         estimate = estimate if best is claim else with_claim(estimate, i, best)
     return estimate, worse
+
+
+def is_compared(
+    estimate: FleetEstimate, claim: Assessment, kept: Collection[Identity] = ()
+) -> bool:
+    """Whether there are similar effects to compare a claim with, and it is none that stays."""
+    similar = competing_keys(parameter_of(estimate, claim))
+    return identity(claim.candidate) not in kept and not _usable(estimate, claim).isdisjoint(
+        similar
+    )
+
+
+def _usable(estimate: FleetEstimate, claim: Assessment) -> set[str]:
+    """Return the parameters that are not claimed at the level of a claim."""
+    level = identity(claim.candidate)[1]
+    claimed = {
+        parameter_of(estimate, c) for c in estimate.claims if identity(c.candidate)[1] == level
+    }
+    return set(estimate.fleet.columns.effects) - claimed
 
 
 def parameter_of(estimate: FleetEstimate, claim: Assessment) -> str:

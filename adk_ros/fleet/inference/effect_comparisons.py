@@ -14,14 +14,18 @@ from collections.abc import Mapping, Sequence
 
 from adk_ros.fleet.inference.assessment import Assessment
 from adk_ros.fleet.inference.competing_effects import (
+    Sample,
     competing_keys,
     exchanged_for_competing,
+    is_compared,
     parameter_of,
 )
 from adk_ros.fleet.inference.evidence import Row
 from adk_ros.fleet.inference.fleet_candidates import Identity, identity
 from adk_ros.fleet.inference.fleet_estimate import EvidenceAt, FleetEstimate
 from adk_ros.fleet.inference.levels import CONDITION, Level
+
+Contexts = dict[Identity, frozenset[Identity]]
 
 
 class EffectComparisons:
@@ -34,6 +38,21 @@ class EffectComparisons:
     def __init__(self) -> None:
         self.beside: dict[Identity, Identity] = {}
         self._examined: set[tuple[Identity, frozenset[Identity]]] = set()
+
+    def sampled(
+        self, estimate: FleetEstimate, rows: Mapping[str, Sequence[Row]]
+    ) -> frozenset[str]:
+        """Return the recordings, of those in `rows`, that the comparisons of the claims need."""
+        kept = self._kept(_contexts(estimate))
+        return frozenset(
+            name
+            for claim in estimate.claims
+            if is_compared(estimate, claim, kept)
+            for name in Sample.of(estimate, claim, rows).names
+        )
+
+    def _kept(self, contexts: Contexts) -> set[Identity]:
+        return {known for known in contexts if (known, contexts[known]) in self._examined}
 
     def exchanged(
         self,
@@ -49,12 +68,8 @@ class EffectComparisons:
         the effects. Far from them much else is unexplained, so that nothing is settled; near them
         a claim is compared once, and again when the claims of similar effects are others.
         """
-        contexts = {
-            identity(claim.candidate): _similar_claims(estimate, claim)
-            for claim in estimate.claims
-        }
-        kept = {known for known in contexts if (known, contexts[known]) in self._examined}
-        found, worse = exchanged_for_competing(estimate, rows, evidence_at, kept)
+        contexts = _contexts(estimate)
+        found, worse = exchanged_for_competing(estimate, rows, evidence_at, self._kept(contexts))
         if is_near:
             self._examined.update(contexts.items())
             for loser, winner in worse.items():
@@ -72,6 +87,13 @@ class EffectComparisons:
             losers |= {(effect, other) for other in others}
         losers |= {one for one, better in self.beside.items() if better == loser}
         self.beside |= dict.fromkeys(losers - {winner}, winner)
+
+
+def _contexts(estimate: FleetEstimate) -> Contexts:
+    """Return what each claim is about -> what the claims of similar effects are about."""
+    return {
+        identity(claim.candidate): _similar_claims(estimate, claim) for claim in estimate.claims
+    }
 
 
 def _similar_claims(estimate: FleetEstimate, claim: Assessment) -> frozenset[Identity]:

@@ -20,7 +20,7 @@ from adk_ros.fleet.inference.evidence import RECORDING, Row, column_of
 from adk_ros.fleet.inference.exchange import exchanged
 from adk_ros.fleet.inference.fleet_candidates import Identity, identity
 from adk_ros.fleet.inference.fleet_evidence import FleetEvidence, RecordingTags
-from adk_ros.fleet.inference.fleet_model import FleetModel, joint_vectors
+from adk_ros.fleet.inference.fleet_model import Candidate, FleetModel, joint_vectors
 from adk_ros.fleet.inference.fleet_selection import Selection
 from adk_ros.fleet.inference.linearisation_point import rounded_values
 from adk_ros.fleet.inference.place_evidence import Cell
@@ -55,6 +55,24 @@ class FleetEstimate:
     def identities(self) -> frozenset[Identity]:
         """What the claims are about."""
         return frozenset(identity(c) for c in self.model.claimed)
+
+    def of_fleet(self, fleet: FleetEvidence) -> FleetEstimate:
+        """Return the estimate for these and further recordings, to be linearised at it."""
+
+        def designed(candidate: Candidate) -> Candidate:
+            return replace(candidate, design=candidate.level.design(fleet))
+
+        def placed(place: Place) -> Place:
+            names = (self.fleet.names[i] for i in place.recordings)
+            return replace(place, recordings=tuple(sorted(map(fleet.names.index, names))))
+
+        claims = tuple(replace(c, candidate=designed(c.candidate)) for c in self.claims)
+        model = replace(self.model, claimed=tuple(designed(c) for c in self.model.claimed))
+        selection = Selection(fleet, 0, None, self.selection.refused, self.selection.beside)
+        return replace(
+            self, fleet=fleet, selection=selection, model=model, claims=claims,
+            places=tuple(map(placed, self.places)),
+        )  # fmt: skip
 
     def values_of(self, recording: str) -> dict[str, float]:
         """

@@ -190,7 +190,10 @@ class PlaceData:
         whole = replace(whole, size=place.size + whole.size)
         if p_value(whole) >= significance or not is_claimable(place.key, whole):
             return None
-        return replace(place, size=whole.size)
+        # One that failed in a later pass has passed there as well.
+        passing = {r for cell in cells for r in self.cells[cell].recordings}
+        recordings = tuple(sorted(passing.union(place.recordings)))
+        return replace(place, size=whole.size, recordings=recordings)
 
     def _tests_of(self, k: int, scores: Mapping[Cell, FloatArray]) -> dict[Cell, CellTest]:
         """Return the size of a parameter at each cell against the empirical null."""

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Collection, Mapping
 from dataclasses import replace
 from types import SimpleNamespace
@@ -16,11 +17,15 @@ from adk_ros.fleet.inference.analysis import MAX_PASSES, _linearised_at, analyse
 from adk_ros.fleet.inference.evidence import RECORDING, SCHEMA, SIMULATION, Evidence, Row, packed
 from adk_ros.fleet.inference.fleet_estimate import FleetEstimate
 from adk_ros.fleet.inference.fleet_evidence import FleetEvidence, RecordingTags
-from adk_ros.fleet.inference.levels import SHARED, Level
+from adk_ros.fleet.inference.levels import CAR, SHARED, Level
 from adk_ros.fleet.inference.linearisation_point import has_moved, rounded_size, rounded_value
 from adk_ros.fleet.inference.numerical_fleet import FleetPlan, Injection, draw_fleet
 from adk_ros.fleet.inference.place_evidence import Cell
 from adk_ros.fleet.inference.places import Place
+from adk_ros.fleet.inference.representative_recordings import (
+    EARLY_RECORDINGS,
+    representative_recordings,
+)
 
 
 @pytest.mark.parametrize(
@@ -204,6 +209,45 @@ def test_a_place_moves_only_the_recordings_that_pass_it() -> None:
     assert passing <= {name for names in asked[1:] for name in names}
 
 
+def test_early_passes_of_a_large_fleet_are_of_some_recordings() -> None:
+    drag = Injection("aero_drag.cda", Level(SHARED), 6.0)
+    tyre = Injection("front_tyre_stiffness.scale", Level(CAR, car="car03"), 8.0)
+    plan = FleetPlan(
+        cars=5, recordings=120, effects=7, bias=0.0, deviation=0.2, injections=(drag, tyre)
+    )
+    fleet = draw_fleet(3, plan)
+    asked: list[set[str]] = []
+
+    def evidence_at(
+        at: FleetEstimate | None, names: Collection[str] | None
+    ) -> tuple[list[Row], Mapping[str, str]]:
+        chosen = fleet.names if names is None else sorted(names)
+        asked.append(set(chosen))
+        return [row for name in chosen for row in rows_at(fleet, name, at, True)], {}
+
+    tags = {
+        name: RecordingTags(car, day)
+        for name, car, day in zip(fleet.names, fleet.cars, fleet.days.tolist(), strict=True)
+    }
+    early = representative_recordings(tags)
+    simulation: Any = SimpleNamespace(evidence=evidence_of(fleet, 0, SIMULATION))
+    found = analyse_fleet(evidence_at, simulation, lambda rows: tags)
+    late = set(fleet.names) - early
+    assert len(early) == EARLY_RECORDINGS
+    assert asked[0] == set(fleet.names)
+    with_late = next(i for i, names in enumerate(asked[1:], 1) if names & late)
+    assert set().union(*asked[1:with_late]) == early
+    # The others once, at the estimate of these.
+    assert Counter(name for names in asked[1:] for name in names & late) == Counter(late)
+    claims = {(claim.effect, claim.level) for claim in found.result.claims}
+    assert claims == {("aero_drag", "all cars"), ("front_tyre_stiffness", "car03")}
+    assert all(len(c.candidate.design) == len(fleet.names) for c in found.estimate.claims)
+    (place,) = found.estimate.places
+    assert place.size == pytest.approx(6.0, rel=0.1)
+    assert len(place.recordings) == len(fleet.names)
+    assert len(found.result.recordings) == len(fleet.names)
+
+
 def evidence_of(
     fleet: FleetEvidence, i: int, kind: str = RECORDING, at: FleetEstimate | None = None
 ) -> Evidence:
@@ -271,7 +315,8 @@ def test_evidence_is_grouped_in_one_pass(monkeypatch: pytest.MonkeyPatch) -> Non
         raise Finished
 
     found: list[Row] = [
-        CountedRow(recording="ab"[i % 2] + f"{i:03d}", value=i) for i in range(600)
+        CountedRow(recording="ab"[i % 2] + f"{i:03d}", value=i, kind=RECORDING, loss_ratio=1.0)
+        for i in range(600)
     ]
     simulation: Any = SimpleNamespace(evidence=SimpleNamespace(to_row=dict))
     monkeypatch.setattr("adk_ros.fleet.inference.analysis.estimate_fleet", estimate)
