@@ -3,9 +3,10 @@
 """
 The analysis of a fleet in passes: evidence of each recording, estimate, and again at the estimate.
 
-After the first pass only those recordings are linearised again whose effects have moved, or that
-pass near a place that has: elsewhere an effect at a place changes nothing. Claims are compared
-with similar effects, each linearised at itself, before the estimate.
+The passes that are not near the estimate yet are of representative recordings, where there are
+many. After the first pass only those recordings are linearised again whose effects have moved, or
+that pass near a place that has: elsewhere an effect at a place changes nothing. Claims are
+compared with similar effects, each linearised at itself, before the estimate.
 
 Where the evidence comes from is a function: of recordings in memory, or of a dataset.
 """
@@ -13,13 +14,13 @@ Where the evidence comes from is a function: of recordings in memory, or of a da
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from adk_ros.fleet.inference.effect_comparisons import EffectComparisons
-from adk_ros.fleet.inference.evidence import PLACE_ROW, RECORDING, Row
+from adk_ros.fleet.inference.evidence import Row
 from adk_ros.fleet.inference.fleet_candidates import Identity
 from adk_ros.fleet.inference.fleet_estimate import (
     ROUNDS,
@@ -30,7 +31,8 @@ from adk_ros.fleet.inference.fleet_estimate import (
 from adk_ros.fleet.inference.fleet_evidence import FleetEvidence, RecordingTags
 from adk_ros.fleet.inference.fleet_result import FleetResult, fleet_result
 from adk_ros.fleet.inference.fleet_simulation import FleetSimulation
-from adk_ros.fleet.inference.linearisation_point import Point, has_moved, rounded_size
+from adk_ros.fleet.inference.linearisation_point import has_moved, rounded_size
+from adk_ros.fleet.inference.linearised_fleet import LinearisedFleet
 from adk_ros.fleet.inference.nonlinear_candidates import NonlinearCandidates
 from adk_ros.fleet.inference.place_evidence import Cell
 from adk_ros.fleet.inference.places import Place
@@ -87,148 +89,119 @@ def analyse_fleet(
 
     :raises DataError: no recording has evidence.
     """
-    linearised = _LinearisedFleet(evidence_at)
-    linearised.update(None, None)
-    tags = tags_of(linearised.every_row())
-    ratios = linearised.loss_ratios()
-    active = representative_recordings({n: tags.get(n, RecordingTags(n)) for n in ratios})
-    passes = MAX_PASSES if len(active) == len(ratios) else MAX_PASSES + 1
-    estimate: FleetEstimate | None = None
-    places: tuple[Place, ...] = ()
-    moved: set[str] = set()
-    late: set[str] = set()
-    dropped: Counter[Identity] = Counter()
-    comparisons, nonlinear = EffectComparisons(), NonlinearCandidates()
-    for turn in range(passes):
-        if estimate is not None:
-            cells = _moved_cells(places, estimate.places)
-            passing = linearised.passing(cells, active - late)
-            passing |= linearised.passing(cells | _cells_of(estimate.places), late)
-            if cells:
-                places = _linearised_at(places, estimate.places)
-            # All recordings are linearised at the same places.
-            farthest = _FIRST_STEP if turn == 1 else np.inf
-            estimate = replace(estimate, places=places, farthest=farthest)
-            due = moved | passing
-            # Claims that are exchanged move most recordings: those that decide come first.
-            first = due & comparisons.sampled(estimate, linearised.usable(active))
-            linearised.update(estimate, first, passing)
-            at_estimate = linearised.usable(active - (due - first))
-            estimate = comparisons.exchanged(
-                estimate, at_estimate, evidence_at, is_near=turn >= _EARLY_PASSES
-            )
-            due = (due - first) | linearised.moved_to(estimate, active)
-            linearised.update(estimate, due, passing)
-            late = set()
-        claimed = frozenset() if estimate is None else estimate.identities
-        estimate = estimate_fleet(
-            [simulation.evidence.to_row(), *linearised.every_row(active)],
-            tags,
-            progress,
-            ROUNDS if turn >= _EARLY_PASSES else _EARLY_ROUNDS,
-            places,
-            is_at_estimate=turn >= _EARLY_PASSES,
-            refused=frozenset(one for one, times in dropped.items() if times >= _MOST_DROPS),
-            beside=comparisons.beside,
-        )
-        if turn > _EARLY_PASSES:
-            dropped.update(claimed - estimate.identities)
-        if turn == _EARLY_PASSES and len(active) < len(ratios):
-            late = set(ratios) - active
-            active = frozenset(ratios)
-            rows = [simulation.evidence.to_row(), *linearised.every_row()]
-            estimate = estimate.of_fleet(FleetEvidence.of(rows, tags))
-        further = estimate
-        if turn + 1 < passes and not late:
-            further = nonlinear.added(estimate, linearised.usable(active), evidence_at)
-        moved = linearised.moved_to(further, active)
-        is_settled = not late and not _moved_cells(places, estimate.places)
-        if turn >= _EARLY_PASSES and is_settled and not moved:
-            # Recordings are there already, and the selection has not claimed it.
+    fleet = _Passes(evidence_at, simulation, tags_of, progress)
+    estimate = fleet.estimated(0)
+    for turn in range(1, fleet.passes + 1):
+        further = fleet.with_nonlinear_candidates(estimate, turn)
+        if turn == fleet.passes or fleet.is_settled(further, turn):
+            # What is only tried at its size is no claim.
             break
-        estimate = further
-    assert estimate is not None
-    outdated = linearised.outdated
-    result = fleet_result(estimate, ratios, progress, outdated)
-    return FleetAnalysis(estimate, result, linearised.failed, outdated)
+        estimate = fleet.estimated(turn, fleet.linearised_at(further, turn))
+        if turn == _EARLY_PASSES:
+            estimate = fleet.widened(estimate)
+    result = fleet_result(estimate, fleet.loss_ratios, progress, fleet.linearised.outdated)
+    return FleetAnalysis(estimate, result, fleet.linearised.failed, fleet.linearised.outdated)
 
 
-class _LinearisedFleet:
+class _Passes:
     """
-    The rows of each recording, and where they are linearised.
+    State of an analysis over its passes.
 
-    `failed`: recordings without evidence -> reason; `outdated`: those with evidence of an earlier
-    pass only.
+    `active`: recordings that take part; `late`: those of them that the early passes left out.
     """
 
-    def __init__(self, evidence_at: EvidenceAt) -> None:
-        self._evidence_at = evidence_at
-        self._rows: dict[str, list[Row]] = {}
-        self._points: dict[str, Point] = {}
-        self.failed: dict[str, str] = {}
-        self.outdated: dict[str, str] = {}
-
-    def update(
+    def __init__(
         self,
-        at: FleetEstimate | None,
-        names: Collection[str] | None,
-        passing: Collection[str] = frozenset(),
+        evidence_at: EvidenceAt,
+        simulation: FleetSimulation,
+        tags_of: TagsOf,
+        progress: Progress | None,
     ) -> None:
-        """Linearise recordings, None for all; `passing`: that pass a place which has moved."""
-        if names is not None and not names:
-            return
-        found, without = self._evidence_at(at, names)
-        by_name: dict[str, list[Row]] = {}
-        for row in found:
-            by_name.setdefault(str(row["recording"]), []).append(row)
-        self._rows.update(by_name)
-        for name in by_name:
-            self._points[name] = {} if at is None else _in_thresholds(at, at.point_of(name))
-            self.outdated.pop(name, None)
-        for name, why in without.items():
-            (self.outdated if name in self._rows else self.failed)[name] = why
-            if name in self._rows and name in passing:
-                # Others are linearised again at a place of which its rows do not know.
-                self._rows[name] = [r for r in self._rows[name] if r["kind"] == RECORDING]
+        self._evidence_at, self._progress = evidence_at, progress
+        self._simulation = simulation.evidence.to_row()
+        self.linearised = LinearisedFleet(evidence_at)
+        self.linearised.update(None, None)
+        self._tags = tags_of(self.linearised.every_row())
+        self.loss_ratios = self.linearised.loss_ratios()
+        every = {name: self._tags.get(name, RecordingTags(name)) for name in self.loss_ratios}
+        self._active = representative_recordings(every)
+        self._late: frozenset[str] = frozenset()
+        self.passes = MAX_PASSES if len(self._active) == len(every) else MAX_PASSES + 1
+        self._places: tuple[Place, ...] = ()
+        self._moved: set[str] = set()
+        self._dropped: Counter[Identity] = Counter()
+        self._comparisons, self._nonlinear = EffectComparisons(), NonlinearCandidates()
 
-    def every_row(self, names: Collection[str] | None = None) -> list[Row]:
-        """Return the rows of recordings, of all by default."""
-        chosen = sorted(self._rows if names is None else names)
-        return [row for name in chosen for row in self._rows[name]]
+    def estimated(self, turn: int, at: FleetEstimate | None = None) -> FleetEstimate:
+        """Return the estimate of the recordings that take part, linearised at an earlier one."""
+        refused = frozenset(one for one, times in self._dropped.items() if times >= _MOST_DROPS)
+        estimate = estimate_fleet(
+            [self._simulation, *self.linearised.every_row(self._active)],
+            self._tags,
+            self._progress,
+            ROUNDS if turn >= _EARLY_PASSES else _EARLY_ROUNDS,
+            self._places,
+            is_at_estimate=turn >= _EARLY_PASSES,
+            refused=refused,
+            beside=self._comparisons.beside,
+        )
+        if at is not None and turn > _EARLY_PASSES:
+            self._dropped.update(at.identities - estimate.identities)
+        return estimate
 
-    def loss_ratios(self) -> dict[str, float]:
-        """Return the loss of each recording over that of a perfect model."""
-        return {
-            name: float(row["loss_ratio"])
-            for name, rows in self._rows.items()
-            for row in rows
-            if row["kind"] == RECORDING
-        }
+    def widened(self, estimate: FleetEstimate) -> FleetEstimate:
+        """Return the estimate for all recordings, which take part from now on."""
+        every = frozenset(self.loss_ratios)
+        self._late, self._active = every - self._active, every
+        if not self._late:
+            return estimate
+        rows = [self._simulation, *self.linearised.every_row()]
+        return estimate.of_fleet(FleetEvidence.of(rows, self._tags))
 
-    def usable(self, names: Collection[str]) -> dict[str, list[Row]]:
-        """Return the rows of those recordings that did not fail when they were due."""
-        return {n: self._rows[n] for n in self._rows if n in names and n not in self.outdated}
+    def with_nonlinear_candidates(self, estimate: FleetEstimate, turn: int) -> FleetEstimate:
+        """Return the estimate with what is to be tried at its size in the next pass."""
+        if turn == self.passes or self._late:
+            return estimate
+        rows = self.linearised.usable(self._active)
+        return self._nonlinear.added(estimate, rows, self._evidence_at)
 
-    def moved_to(self, at: FleetEstimate, names: Collection[str]) -> set[str]:
-        """Return the recordings whose effects at an estimate are others than those of the rows."""
-        return {
-            name
-            for name in self.usable(names)
-            if has_moved(self._points[name], _in_thresholds(at, at.values_of(name)))
-        }
+    def is_settled(self, estimate: FleetEstimate, turn: int) -> bool:
+        """Whether all recordings are linearised at an estimate that the next pass would be at."""
+        self._moved = self.linearised.moved_to(estimate, self._active)
+        cells = _moved_cells(self._places, estimate.places)
+        return turn > _EARLY_PASSES and not (self._late or cells or self._moved)
 
-    def passing(self, cells: Collection[Cell], names: Collection[str]) -> set[str]:
-        """Return the recordings that pass any of these cells."""
-        return {n for n, rows in self.usable(names).items() if cells and _passes(rows, cells)}
+    def linearised_at(self, estimate: FleetEstimate, turn: int) -> FleetEstimate:
+        """
+        Linearise the recordings that have moved, and those that pass a place which has.
+
+        Return where: at the estimate, with claims exchanged for similar effects.
+        """
+        cells = _moved_cells(self._places, estimate.places)
+        passing = self.linearised.passing(cells, self._active - self._late)
+        passing |= self.linearised.passing(cells | _cells_of(estimate.places), self._late)
+        if cells:
+            self._places = _linearised_at(self._places, estimate.places)
+        # All recordings are linearised at the same places.
+        farthest = _FIRST_STEP if turn == 1 else np.inf
+        estimate = replace(estimate, places=self._places, farthest=farthest)
+        due = self._moved | passing
+        # Claims that are exchanged move most recordings: those that decide come first.
+        usable = self.linearised.usable(self._active)
+        first = due & self._comparisons.sampled(estimate, usable)
+        self.linearised.update(estimate, first, passing)
+        at_estimate = self.linearised.usable(self._active - (due - first))
+        estimate = self._comparisons.exchanged(
+            estimate, at_estimate, self._evidence_at, is_near=turn >= _EARLY_PASSES
+        )
+        due = (due - first) | self.linearised.moved_to(estimate, self._active)
+        self.linearised.update(estimate, due, passing)
+        self._late = frozenset()
+        return estimate
 
 
 def _cells_of(places: Sequence[Place]) -> set[Cell]:
     return {cell for place in places for cell in place.cells}
-
-
-def _in_thresholds(estimate: FleetEstimate, values: Mapping[str, float]) -> Point:
-    columns = estimate.fleet.columns
-    return {key: value / columns.column(key).materiality for key, value in values.items()}
 
 
 def _linearised_at(before: Sequence[Place], after: Sequence[Place]) -> tuple[Place, ...]:
@@ -256,14 +229,3 @@ def _moved_cells(before: Sequence[Place], after: Sequence[Place]) -> set[Cell]:
         if has_moved({"": sizes.get(one, 0.0)}, {"": sizes_after.get(one, 0.0)})
         for cell in one[1]
     }
-
-
-def _passes(rows: Sequence[Row], cells: Collection[Cell]) -> bool:
-    """
-    Whether a recording passes any of these cells, or one beside it.
-
-    One that only cuts a corner of a cell has no row of it, but one of a neighbour.
-    """
-    near = {(c.x + i, c.y + j) for c in cells for i in (-1, 0, 1) for j in (-1, 0, 1)}
-    driven = (Cell.of_text(str(row["cell"])) for row in rows if row["kind"] == PLACE_ROW)
-    return any((cell.x, cell.y) in near for cell in driven)

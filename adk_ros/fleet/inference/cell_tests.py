@@ -17,6 +17,10 @@ variance of noise. An error of the parameter itself adds the same variance in ev
 follow from the robust deviations of the sizes from their median, the former in the half of the
 cells with the least information, the latter in the other half. Neither shrinks with the number of
 recordings.
+
+Few manoeuvres feign much more than most: the errors have heavier tails than noise, so that many
+recordings make the largest of them significant. The degrees of freedom of Student's t that fit the
+other cells bound those of a test (`tail_of`).
 """
 
 from __future__ import annotations
@@ -25,7 +29,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize import minimize_scalar
 from scipy.special import stdtr
+from scipy.stats import t as student
 
 from adk_ros.fleet.inference.evidence import column_of
 from adk_ros.fleet.inference.levels import BOUND_DEVIATIONS, MIN_RECORDINGS
@@ -35,6 +41,14 @@ _MAD_TO_SIGMA = 1.4826
 """Standard deviation over median absolute deviation, of a Gaussian."""
 _MIN_CELLS = 10
 """Least cells that determine the deviation of the surrogate's error between places."""
+_CENSORED = 0.05
+"""
+Share of the largest deviations that count as at least that large, not by their size: other effects
+may be among them. By choice.
+"""
+_FREEDOMS = (1.0, 200.0)
+"""Range of the degrees of freedom of a tail, from that of Cauchy to a nearly normal one."""
+_PRIOR_RATE = 0.1
 _NULL_ROUNDS = 50
 """Rounds in which the two parts of that error are fitted in turn, until neither changes."""
 
@@ -93,8 +107,33 @@ def null_of(tests: Sequence[CellTest]) -> Null:
     return Null(centre, spread, inflation)
 
 
-def p_value(test: CellTest) -> float:
-    return 2.0 * float(stdtr(test.freedom, -abs(test.size) / np.sqrt(test.variance)))
+def tail_of(tests: Sequence[CellTest]) -> float:
+    """
+    Return the likeliest degrees of freedom of Student's t of sizes where nothing acts.
+
+    In units of their deviations, with the largest ones censored. A priori they follow Gamma(2,
+    0.1), for which few sizes are no evidence of a normal distribution (M. A. Juárez, M. F. J.
+    Steel, "Model-based clustering of non-Gaussian panel data based on skew-t distributions", J.
+    Bus. Econ. Stat. 28 (2010) 52).
+    """
+    z = np.sort([abs(test.size) / np.sqrt(test.variance) for test in tests if test.variance > 0.0])
+    largest = int(np.ceil(_CENSORED * len(z)))
+    known, limit = z[: len(z) - largest], z[-largest] if largest else 0.0
+
+    def cost(logarithm: float) -> float:
+        freedom = np.exp(logarithm)
+        density = student.logpdf(known, freedom).sum()
+        prior = logarithm - _PRIOR_RATE * freedom
+        return -float(density + largest * student.logsf(limit, freedom) + prior)
+
+    low, high = np.log(_FREEDOMS)
+    return float(np.exp(minimize_scalar(cost, bounds=(low, high), method="bounded").x))
+
+
+def p_value(test: CellTest, tail: float = np.inf) -> float:
+    """Return the p-value of a size; `tail`: most degrees of freedom (`tail_of`)."""
+    freedom = min(test.freedom, tail)
+    return 2.0 * float(stdtr(freedom, -abs(test.size) / np.sqrt(test.variance)))
 
 
 def is_claimable(key: str, test: CellTest) -> bool:

@@ -11,13 +11,20 @@ subtracted, and the search goes on.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import stdtrit
 
-from adk_ros.fleet.inference.cell_tests import CellTest, cell_test, is_claimable, null_of, p_value
+from adk_ros.fleet.inference.cell_tests import (
+    CellTest,
+    cell_test,
+    is_claimable,
+    null_of,
+    p_value,
+    tail_of,
+)
 from adk_ros.fleet.inference.evidence import PLACE_ROW, Row
 from adk_ros.fleet.inference.levels import MIN_RECORDINGS
 from adk_ros.fleet.inference.place_evidence import Cell, PlaceEvidence
@@ -188,7 +195,8 @@ class PlaceData:
             return None
         whole = _together(tests, cells)
         whole = replace(whole, size=place.size + whole.size)
-        if p_value(whole) >= significance or not is_claimable(place.key, whole):
+        tail = tail_of([tests[cell] for cell in _away(tests, place.cells)])
+        if p_value(whole, tail) >= significance or not is_claimable(place.key, whole):
             return None
         # One that failed in a later pass has passed there as well.
         passing = {r for cell in cells for r in self.cells[cell].recordings}
@@ -238,9 +246,15 @@ class PlaceData:
             and (cell, key) not in blocked
             and is_claimable(key, test)
         }
-        if not good:
+        while good:
+            seed, found = min(good, key=lambda pair: _rank(good[pair]))
+            away = [c for c in _away(tests[found], [seed]) if (c, found) not in blocked]
+            tail = tail_of([tests[found][cell] for cell in away])
+            if p_value(good[seed, found], tail) < significance:
+                break
+            del good[seed, found]
+        else:
             return None
-        seed, found = min(good, key=lambda pair: _rank(good[pair]))
         # Each effect in the cells that show it; in one cell alone if its mean there is impossible.
         shown = {
             key: cells
@@ -265,7 +279,7 @@ class PlaceData:
             whole.size,
             float(np.sqrt(variance + SYSTEMATIC_ERROR_PER_MATERIALITY**2)),
             whole.freedom,
-            p_value(good[seed, found]),
+            p_value(good[seed, found], tail),
             tuple(sorted({r for cell in cells for r in self.cells[cell].recordings})),
             alternatives,
         )
@@ -295,6 +309,11 @@ def _cells_that_show(
         and p_value(test) < (_SHOWS if _is_near(cell, seed) else significance)
     }
     return _connected(seed, shown) if seed in shown else []
+
+
+def _away(cells: Iterable[Cell], place: Sequence[Cell]) -> list[Cell]:
+    """Return the cells beyond the reach of a place."""
+    return [cell for cell in cells if not any(_is_near(cell, other) for other in place)]
 
 
 def _together(tests: Mapping[Cell, CellTest], cells: Sequence[Cell]) -> CellTest:

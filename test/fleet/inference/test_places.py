@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from adk_ros.fleet.inference.evidence import SCHEMA, Row, packed
 from adk_ros.fleet.inference.place_evidence import Cell
@@ -20,6 +21,8 @@ def _rows(
     seed: int = 1,
     last: tuple[int, int] = (20, 20),
     second: tuple[int, float] | None = None,
+    freedom: float = np.inf,
+    cells: int = CELLS,
 ) -> list[Row]:
     """
     Return rows of cells along a line, with an effect of `size` in the cells `last`.
@@ -27,11 +30,11 @@ def _rows(
     `second`: a further cell and its size.
 
     The surrogate's error repeats on every recording: it is a score of `surrogate_error` standard
-    deviations of that of noise, the same on each of them.
+    deviations of that of noise, the same on each of them, with `freedom` degrees of freedom.
     """
     rng = np.random.default_rng(seed)
     rows: list[Row] = []
-    for x in range(CELLS):
+    for x in range(cells):
         # Cells are apart, but for those of the place.
         cell = Cell(x if last[0] <= x <= last[1] else 100 + 4 * x, 0, 0)
         if second is not None and x == 0:
@@ -41,7 +44,8 @@ def _rows(
         acts = size if last[0] <= x <= last[1] else 0.0
         if second is not None and x == 0:
             acts = second[1]
-        feigned = surrogate_error * np.sqrt(information) * rng.standard_normal()
+        error = rng.standard_normal() if np.isinf(freedom) else rng.standard_t(freedom)
+        feigned = surrogate_error * np.sqrt(information) * error
         for name in NAMES:
             noise = np.sqrt(information) * rng.standard_normal()
             rows.append(
@@ -124,6 +128,14 @@ def test_an_error_that_repeats_is_no_place_even_where_little_informs() -> None:
     # Each cell shows several deviations of noise, and poor ones a size of many thresholds.
     for seed in range(20):
         assert _found(_rows(2.0, seed=seed)) == []
+
+
+def test_the_largest_of_many_errors_is_no_place() -> None:
+    """Errors with heavy tails, in many recordings: the largest is six times as large as usual."""
+    every = [_found(_rows(6.0, seed=seed, freedom=3.0, cells=200)) for seed in range(20)]
+    assert sum(map(len, every)) <= 1
+    (place,) = _found(_rows(0.3, size=60.0, freedom=3.0))
+    assert place.size == pytest.approx(60.0, rel=0.1)
 
 
 def test_what_a_known_place_leaves_next_to_it_is_no_second_one() -> None:
