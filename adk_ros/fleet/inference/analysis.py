@@ -34,8 +34,8 @@ from adk_ros.fleet.inference.fleet_simulation import FleetSimulation
 from adk_ros.fleet.inference.linearisation_point import has_moved, rounded_size
 from adk_ros.fleet.inference.linearised_fleet import LinearisedFleet
 from adk_ros.fleet.inference.nonlinear_candidates import NonlinearCandidates
+from adk_ros.fleet.inference.place_data import Place
 from adk_ros.fleet.inference.place_evidence import Cell
-from adk_ros.fleet.inference.places import Place
 from adk_ros.fleet.inference.representative_recordings import representative_recordings
 
 MAX_PASSES, USUAL_PASSES = 6, 3

@@ -23,8 +23,9 @@ from adk_ros.fleet.inference.fleet_evidence import FleetEvidence, RecordingTags
 from adk_ros.fleet.inference.fleet_model import Candidate, FleetModel, joint_vectors
 from adk_ros.fleet.inference.fleet_selection import Selection
 from adk_ros.fleet.inference.linearisation_point import rounded_values
+from adk_ros.fleet.inference.place_data import Place, PlaceData
 from adk_ros.fleet.inference.place_evidence import Cell
-from adk_ros.fleet.inference.places import Place, PlaceData
+from adk_ros.fleet.inference.places import select_places
 from adk_ros.fleet.inference.recording_evidence import PlacedValue
 from adk_ros.fleet.inference.simplification import explaining, simplified
 
@@ -154,7 +155,7 @@ def estimate_fleet(
         selection = Selection(corrected, data.tests, progress, refused, beside)
         model = _selected(selection)
         at = joint_vectors(corrected, model) + fleet.origin
-        found = data.select(at, selection.significance, known_places)
+        found = select_places(data, at, selection.significance, known_places)
         if {(p.key, p.cells) for p in found} == {(p.key, p.cells) for p in places}:
             places = found
             break

@@ -12,10 +12,9 @@ subtracted, and the search goes on.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
-from scipy.special import stdtrit
 
 from adk_ros.fleet.inference.cell_tests import (
     CellTest,
@@ -25,9 +24,8 @@ from adk_ros.fleet.inference.cell_tests import (
     p_value,
     tail_of,
 )
-from adk_ros.fleet.inference.evidence import PLACE_ROW, Row
-from adk_ros.fleet.inference.levels import MIN_RECORDINGS
-from adk_ros.fleet.inference.place_evidence import Cell, PlaceEvidence
+from adk_ros.fleet.inference.place_data import Place, PlaceData
+from adk_ros.fleet.inference.place_evidence import Cell
 from adk_ros.mismatch.library.criteria import (
     INDISTINGUISHABLE_LOSS,
     SYSTEMATIC_ERROR_PER_MATERIALITY,
@@ -49,146 +47,61 @@ _MAX_PLACES = 20
 """Most places of a selection; bounds the time. By choice."""
 
 
-@dataclass(frozen=True)
-class Place:
+def select_places(
+    data: PlaceData, at: FloatArray, significance: float, known: Sequence[Place] = ()
+) -> list[Place]:
     """
-    An effect's parameter at cells, on several recordings; sizes in materiality thresholds.
+    Return the effects at places, given the joint vector (r, d) of each recording.
 
-    `alternatives`: keys that explain the cells as well; `recordings`: indices of those that pass
-    there; `p_value`: of the most significant cell when it was found, of whatever effect.
+    `significance`: largest p-value of a single test; `known`: places at whose sizes the recordings
+    were linearised. What is left there is added; those that are not significant any more are
+    dropped.
     """
-
-    key: str
-    cells: tuple[Cell, ...]
-    size: float
-    deviation: float
-    freedom: float
-    p_value: float
-    recordings: tuple[int, ...]
-    alternatives: tuple[str, ...] = ()
-
-    @property
-    def interval(self) -> tuple[float, float]:
-        """The 90 % confidence interval of the size."""
-        half = float(-stdtrit(self.freedom, 0.05)) * self.deviation
-        return self.size - half, self.size + half
+    return _PlaceSearch(data, significance).select(at, known)
 
 
-@dataclass(frozen=True)
-class _Visits:
-    """The recordings (v) that pass a cell: index, s (v, q), h (v, q, q), c (v, q, d)."""
+class _PlaceSearch:
+    """A search with the scores that earlier finds leave."""
 
-    recordings: tuple[int, ...]
-    scores: FloatArray
-    informations: FloatArray
-    crosses: FloatArray
+    def __init__(self, data: PlaceData, significance: float) -> None:
+        self._cells, self._keys, self._significance = data.cells, data.keys, significance
 
-
-class PlaceData:
-    """Evidence of a fleet at cells that at least `MIN_RECORDINGS` recordings pass."""
-
-    def __init__(
-        self, rows: Sequence[Row], names: Sequence[str], dispersion: Mapping[str, float]
-    ) -> None:
-        known = {name: i for i, name in enumerate(names)}
-        found: dict[Cell, list[PlaceEvidence]] = {}
-        self.keys: tuple[str, ...] = ()
-        for row in rows:
-            if row["kind"] == PLACE_ROW and row["recording"] in known:
-                one = PlaceEvidence.from_row(row)
-                self.keys = max(self.keys, one.keys, key=len)
-                found.setdefault(one.cell, []).append(one)
-        self.cells: dict[Cell, _Visits] = {}
-        for cell, visits in found.items():
-            # Recordings whose channels do not show all effects are left out.
-            whole = [v for v in visits if v.keys == self.keys]
-            if len(whole) < MIN_RECORDINGS:
-                continue
-            over = np.array([dispersion[v.recording] for v in whole])
-            self.cells[cell] = _Visits(
-                tuple(known[v.recording] for v in whole),
-                np.array([v.score for v in whole]) / over[:, None],
-                np.array([v.information for v in whole]) / over[:, None, None],
-                np.array([v.cross for v in whole]) / over[:, None, None],
-            )
-
-    @property
-    def tests(self) -> int:
-        """Number of tests: parameters times cells."""
-        return len(self.keys) * len(self.cells)
-
-    def correction(
-        self, places: Sequence[Place], known: Sequence[Place], shape: tuple[int, ...]
-    ) -> FloatArray:
-        """Return what new effects at places add to the scores (r, d)."""
-        out = np.zeros(shape)
-        for key, cell, size in _new(places, known):
-            visits = self.cells.get(cell)
-            if visits is not None:
-                k = self.keys.index(key)
-                np.add.at(out, list(visits.recordings), visits.crosses[:, k] * size)
-        return out
-
-    def saved_loss(
-        self, places: Sequence[Place], known: Sequence[Place], recordings: int
-    ) -> FloatArray:
-        """Return the loss (r,) that new effects at places save."""
-        out = np.zeros(recordings)
-        for key, cell, size in _new(places, known):
-            visits = self.cells.get(cell)
-            if visits is not None:
-                k = self.keys.index(key)
-                h = visits.informations[:, k, k]
-                gain = 2.0 * visits.scores[:, k] * size - h * size**2
-                np.add.at(out, list(visits.recordings), gain)
-        return out
-
-    def select(
-        self, at: FloatArray, significance: float, known: Sequence[Place] = ()
-    ) -> list[Place]:
-        """
-        Return the effects at places, given the joint vector (r, d) of each recording.
-
-        `significance`: largest p-value of a single test; `known`: places at whose sizes the
-        recordings were linearised. What is left there is added; those that are not significant
-        any more are dropped.
-        """
+    def select(self, at: FloatArray, known: Sequence[Place]) -> list[Place]:
+        """Return the effects at places."""
         scores = {
             cell: v.scores - np.einsum("vqd,vd->vq", v.crosses, at[list(v.recordings)])
-            for cell, v in self.cells.items()
+            for cell, v in self._cells.items()
         }
         places: list[Place] = []
         blocked: set[tuple[Cell, str]] = set()
         for place in known:
-            k = self.keys.index(place.key)
-            kept = self._estimated_again(place, scores, significance)
+            k = self._keys.index(place.key)
+            kept = self._estimated_again(place, scores)
             change = -place.size if kept is None else kept.size - place.size
             for cell in place.cells:
                 if cell in scores:
-                    scores[cell] = scores[cell] - self.cells[cell].informations[:, :, k] * change
+                    scores[cell] = scores[cell] - self._cells[cell].informations[:, :, k] * change
             if kept is not None:
                 places.append(kept)
                 blocked |= self._around(kept)
         while len(places) < _MAX_PLACES:
-            found = self._best(scores, significance, blocked)
+            found = self._best(scores, blocked)
             if found is None:
                 break
             places.append(found)
-            k = self.keys.index(found.key)
+            k = self._keys.index(found.key)
             for cell in found.cells:
-                scores[cell] = scores[cell] - self.cells[cell].informations[:, :, k] * found.size
+                scores[cell] = scores[cell] - self._cells[cell].informations[:, :, k] * found.size
             blocked |= self._around(found)
         return places
 
-    def _estimated_again(
-        self, place: Place, scores: Mapping[Cell, FloatArray], significance: float
-    ) -> Place | None:
+    def _estimated_again(self, place: Place, scores: Mapping[Cell, FloatArray]) -> Place | None:
         """
         Return a place with what is left there added, None if it is not claimable any more.
 
         A known place, of which one cell was significant, stays while its cells together are.
         """
-        k = self.keys.index(place.key)
+        k = self._keys.index(place.key)
         tests = self._tests_of(k, scores)
         cells = [cell for cell in place.cells if cell in tests]
         if not cells:
@@ -196,10 +109,10 @@ class PlaceData:
         whole = _together(tests, cells)
         whole = replace(whole, size=place.size + whole.size)
         tail = tail_of([tests[cell] for cell in _away(tests, place.cells)])
-        if p_value(whole, tail) >= significance or not is_claimable(place.key, whole):
+        if p_value(whole, tail) >= self._significance or not is_claimable(place.key, whole):
             return None
         # One that failed in a later pass has passed there as well.
-        passing = {r for cell in cells for r in self.cells[cell].recordings}
+        passing = {r for cell in cells for r in self._cells[cell].recordings}
         recordings = tuple(sorted(passing.union(place.recordings)))
         return replace(place, size=whole.size, recordings=recordings)
 
@@ -207,7 +120,7 @@ class PlaceData:
         """Return the size of a parameter at each cell against the empirical null."""
         tests = {
             cell: cell_test(scores[cell][:, k], visits.informations[:, k, k])
-            for cell, visits in self.cells.items()
+            for cell, visits in self._cells.items()
         }
         null = null_of(list(tests.values()))
         found = {}
@@ -227,22 +140,21 @@ class PlaceData:
         What one size leaves there is no second effect: the place begins and ends within a cell,
         its linearisation is not exact, and its residuals last for a block.
         """
-        around = {c for c in self.cells if any(_is_near(c, cell) for cell in place.cells)}
-        return {(cell, key) for cell in around for key in self.keys}
+        around = {c for c in self._cells if any(_is_near(c, cell) for cell in place.cells)}
+        return {(cell, key) for cell in around for key in self._keys}
 
     def _best(
         self,
         scores: Mapping[Cell, FloatArray],
-        significance: float,
         blocked: set[tuple[Cell, str]],
     ) -> Place | None:
         """Return the place of the most significant cell, all tests against the null."""
-        tests = {key: self._tests_of(k, scores) for k, key in enumerate(self.keys)}
+        tests = {key: self._tests_of(k, scores) for k, key in enumerate(self._keys)}
         good = {
             (cell, key): test
             for key, of_key in tests.items()
             for cell, test in of_key.items()
-            if p_value(test) < significance
+            if p_value(test) < self._significance
             and (cell, key) not in blocked
             and is_claimable(key, test)
         }
@@ -250,7 +162,7 @@ class PlaceData:
             seed, found = min(good, key=lambda pair: _rank(good[pair]))
             away = [c for c in _away(tests[found], [seed]) if (c, found) not in blocked]
             tail = tail_of([tests[found][cell] for cell in away])
-            if p_value(good[seed, found], tail) < significance:
+            if p_value(good[seed, found], tail) < self._significance:
                 break
             del good[seed, found]
         else:
@@ -258,8 +170,8 @@ class PlaceData:
         # Each effect in the cells that show it; in one cell alone if its mean there is impossible.
         shown = {
             key: cells
-            for key in self.keys
-            if (cells := _cells_that_show(key, seed, tests[key], significance, blocked))
+            for key in self._keys
+            if (cells := _cells_that_show(key, seed, tests[key], self._significance, blocked))
             and is_claimable(key, _together(tests[key], cells))
         } or {found: [seed]}
         key = max(shown, key=lambda one: _together(tests[one], shown[one]).gain)
@@ -280,7 +192,7 @@ class PlaceData:
             float(np.sqrt(variance + SYSTEMATIC_ERROR_PER_MATERIALITY**2)),
             whole.freedom,
             p_value(good[seed, found], tail),
-            tuple(sorted({r for cell in cells for r in self.cells[cell].recordings})),
+            tuple(sorted({r for cell in cells for r in self._cells[cell].recordings})),
             alternatives,
         )
 
@@ -329,17 +241,6 @@ def _together(tests: Mapping[Cell, CellTest], cells: Sequence[Cell]) -> CellTest
 def _rank(test: CellTest) -> tuple[float, float]:
     """Return what the most significant test has the least of; many p-values may be zero."""
     return p_value(test), -test.gain
-
-
-def _new(places: Sequence[Place], known: Sequence[Place]) -> list[tuple[str, Cell, float]]:
-    """
-    Return key, cell and size of the effects at places that are not known.
-
-    Recordings have no evidence of known places themselves (`place_evidence.away_from`).
-    """
-    before = {(place.key, place.cells) for place in known}
-    new = [place for place in places if (place.key, place.cells) not in before]
-    return [(place.key, cell, place.size) for place in new for cell in place.cells]
 
 
 def _is_near(cell: Cell, other: Cell) -> bool:

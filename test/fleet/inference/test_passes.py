@@ -20,8 +20,8 @@ from adk_ros.fleet.inference.fleet_evidence import FleetEvidence, RecordingTags
 from adk_ros.fleet.inference.levels import CAR, SHARED, Level
 from adk_ros.fleet.inference.linearisation_point import has_moved, rounded_size, rounded_value
 from adk_ros.fleet.inference.numerical_fleet import FleetPlan, Injection, draw_fleet
+from adk_ros.fleet.inference.place_data import Place
 from adk_ros.fleet.inference.place_evidence import Cell
-from adk_ros.fleet.inference.places import Place
 from adk_ros.fleet.inference.representative_recordings import (
     EARLY_RECORDINGS,
     representative_recordings,

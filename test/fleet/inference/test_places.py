@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from adk_ros.fleet.inference.evidence import SCHEMA, Row, packed
+from adk_ros.fleet.inference.place_data import Place, PlaceData
 from adk_ros.fleet.inference.place_evidence import Cell
-from adk_ros.fleet.inference.places import Place, PlaceData
+from adk_ros.fleet.inference.places import select_places
 
 KEY, CELLS, RECORDINGS, SIGNIFICANCE = "road_bank.bank", 40, 20, 1e-5
 NAMES = [f"drive{i}" for i in range(RECORDINGS)]
@@ -66,7 +67,7 @@ def _rows(
 
 def _found(rows: list[Row]) -> list[Place]:
     data = PlaceData(rows, NAMES, dict.fromkeys(NAMES, 1.0))
-    return data.select(np.zeros((RECORDINGS, 2)), SIGNIFICANCE)
+    return select_places(data, np.zeros((RECORDINGS, 2)), SIGNIFICANCE)
 
 
 def test_an_effect_at_a_place_is_found_with_its_cells() -> None:
@@ -143,7 +144,7 @@ def test_what_a_known_place_leaves_next_to_it_is_no_second_one() -> None:
     data = PlaceData(rows, NAMES, dict.fromkeys(NAMES, 1.0))
     at = np.zeros((RECORDINGS, 2))
     known = Place(KEY, (Cell(20, 0, 0),), 0.0, 1.0, 9.0, 1e-9, tuple(range(RECORDINGS)))
-    places = data.select(at, SIGNIFICANCE, [known])
+    places = select_places(data, at, SIGNIFICANCE, [known])
     assert [place.cells for place in places[:1]] == [known.cells]
     assert all(Cell(21, 0, 0) not in place.cells for place in places)
 
@@ -164,7 +165,7 @@ def test_a_known_place_that_is_not_seen_any_more_is_dropped() -> None:
     rows = _rows(0.3, size=-3.0)
     data = PlaceData(rows, NAMES, dict.fromkeys(NAMES, 1.0))
     known = Place(KEY, (Cell(20, 0, 0),), 3.0, 0.1, 9.0, 1e-9, tuple(range(RECORDINGS)))
-    assert data.select(np.zeros((RECORDINGS, 2)), SIGNIFICANCE, [known]) == []
+    assert select_places(data, np.zeros((RECORDINGS, 2)), SIGNIFICANCE, [known]) == []
     # Recordings have no evidence of known places: nothing is to be undone.
     assert not data.correction([], [known], (RECORDINGS, 2)).any()
     assert not data.saved_loss([], [known], RECORDINGS).any()
