@@ -42,7 +42,7 @@ _SHORT_S = 3.0
 _KEPT_BYTES = 2000
 """Bytes that are left of a truncated file: the header and no chunk."""
 TAGS = ("software", "tyres")
-_UNFINISHED, _WRITING = ".unfinished", ".writing"
+_UNFINISHED, _WRITING, _TRUTH = ".unfinished", ".writing", "truth.json"
 """In the folder while it is written: a file with the hash of the plan, and a folder with bags."""
 
 Progress = Callable[[int, int], None]
@@ -83,6 +83,8 @@ def write_fleet(
     if out.exists() and not (unfinished.is_file() and unfinished.read_text() == of_plan):
         raise UsageError(f"{out} exists: give a new folder for the fleet")
     with run_lock(out / _WRITING):
+        if (out / _TRUTH).exists():
+            raise UsageError(f"{out} exists: another process has just written it")
         unfinished.write_text(of_plan)
         _complete(plan, out, progress, workers)
         unfinished.unlink()
@@ -95,7 +97,7 @@ def _complete(plan: FleetPlan, out: Path, progress: Progress | None, workers: in
     (out / "drives").mkdir(parents=True, exist_ok=True)
     for left in (out / _WRITING).iterdir():
         if left.name != LOCK_FILE:
-            shutil.rmtree(left)
+            shutil.rmtree(left, ignore_errors=True)
     (out / "vehicle.yaml").write_text(yaml.safe_dump(drives.nominal.model_dump()))
     with (out / "drives" / "fleet.csv").open("w", newline="") as file:
         table = csv.writer(file)
@@ -118,7 +120,7 @@ def _complete(plan: FleetPlan, out: Path, progress: Progress | None, workers: in
             if progress is not None:
                 progress(done, len(every))
     # Last: a folder that has it is complete.
-    (out / "truth.json").write_text(json.dumps(truth(drives), indent=1))
+    (out / _TRUTH).write_text(json.dumps(truth(drives), indent=1))
 
 
 def _written(

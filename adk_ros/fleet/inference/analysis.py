@@ -128,7 +128,6 @@ class _Passes:
         self._late: frozenset[str] = frozenset()
         self.passes = MAX_PASSES if len(self._active) == len(every) else MAX_PASSES + 1
         self._places: tuple[Place, ...] = ()
-        self._moved: set[str] = set()
         self._dropped: Counter[Identity] = Counter()
         self._comparisons, self._nonlinear = EffectComparisons(), NonlinearCandidates()
 
@@ -145,7 +144,8 @@ class _Passes:
             refused=refused,
             beside=self._comparisons.beside,
         )
-        if at is not None and turn > _EARLY_PASSES:
+        is_first_of_all = turn == _EARLY_PASSES + 1 and self.passes > MAX_PASSES
+        if at is not None and turn > _EARLY_PASSES and not is_first_of_all:
             self._dropped.update(at.identities - estimate.identities)
         return estimate
 
@@ -155,6 +155,8 @@ class _Passes:
         self._late, self._active = every - self._active, every
         if not self._late:
             return estimate
+        # What few of the representative recordings show may be plain in the others.
+        self._nonlinear = NonlinearCandidates()
         rows = [self._simulation, *self.linearised.every_row()]
         return estimate.of_fleet(FleetEvidence.of(rows, self._tags))
 
@@ -167,9 +169,12 @@ class _Passes:
 
     def is_settled(self, estimate: FleetEstimate, turn: int) -> bool:
         """Whether all recordings are linearised at an estimate that the next pass would be at."""
-        self._moved = self.linearised.moved_to(estimate, self._active)
+        moved = self.linearised.moved_to(estimate, self._active)
         cells = _moved_cells(self._places, estimate.places)
-        return turn > _EARLY_PASSES and not (self._late or cells or self._moved)
+        return turn > _EARLY_PASSES and not (self._late or cells or moved)
+
+    def _sampled(self, estimate: FleetEstimate) -> frozenset[str]:
+        return self._comparisons.sampled(estimate, self.linearised.usable(self._active))
 
     def linearised_at(self, estimate: FleetEstimate, turn: int) -> FleetEstimate:
         """
@@ -185,17 +190,21 @@ class _Passes:
         # All recordings are linearised at the same places.
         farthest = _FIRST_STEP if turn == 1 else np.inf
         estimate = replace(estimate, places=self._places, farthest=farthest)
-        due = self._moved | passing
+        due = self.linearised.moved_to(estimate, self._active) | passing
         # Claims that are exchanged move most recordings: those that decide come first.
-        usable = self.linearised.usable(self._active)
-        first = due & self._comparisons.sampled(estimate, usable)
-        self.linearised.update(estimate, first, passing)
-        at_estimate = self.linearised.usable(self._active - (due - first))
+        first: set[str] = set()
+        while further := (due & self._sampled(estimate)) - first:
+            # Where one fails, another one takes its place.
+            self.linearised.update(estimate, further, passing)
+            first |= further
         estimate = self._comparisons.exchanged(
-            estimate, at_estimate, self._evidence_at, is_near=turn >= _EARLY_PASSES
+            estimate,
+            self.linearised.usable(self._active),
+            self._evidence_at,
+            is_near=turn >= _EARLY_PASSES,
         )
         due = (due - first) | self.linearised.moved_to(estimate, self._active)
-        self.linearised.update(estimate, due, passing)
+        self.linearised.update(estimate, due, passing - first)
         self._late = frozenset()
         return estimate
 

@@ -118,7 +118,8 @@ def tail_of(tests: Sequence[CellTest]) -> float:
     """
     z = np.sort([abs(test.size) / np.sqrt(test.variance) for test in tests if test.variance > 0.0])
     largest = int(np.ceil(_CENSORED * len(z)))
-    known, limit = z[: len(z) - largest], z[-largest] if largest else 0.0
+    known = z[: len(z) - largest]
+    limit = known[-1] if known.size else 0.0
 
     def cost(logarithm: float) -> float:
         freedom = np.exp(logarithm)

@@ -59,7 +59,7 @@ def exchanged_for_competing(
         known = identity(claim.candidate)
         if not is_compared(estimate, claim, kept):
             continue
-        usable = _usable(estimate, claim)
+        usable = _unclaimed_parameters(estimate, claim)
         sample = Sample.of(estimate, claim, rows)
         if not sample.names:
             continue
@@ -88,13 +88,13 @@ def is_compared(
     estimate: FleetEstimate, claim: Assessment, kept: Collection[Identity] = ()
 ) -> bool:
     """Whether there are similar effects to compare a claim with, and it is none that stays."""
+    if identity(claim.candidate) in kept:
+        return False
     similar = competing_keys(parameter_of(estimate, claim))
-    return identity(claim.candidate) not in kept and not _usable(estimate, claim).isdisjoint(
-        similar
-    )
+    return not _unclaimed_parameters(estimate, claim).isdisjoint(similar)
 
 
-def _usable(estimate: FleetEstimate, claim: Assessment) -> set[str]:
+def _unclaimed_parameters(estimate: FleetEstimate, claim: Assessment) -> set[str]:
     """Return the parameters that are not claimed at the level of a claim."""
     level = identity(claim.candidate)[1]
     claimed = {

@@ -64,9 +64,10 @@ class EffectComparisons:
         """
         Return the estimate with claims exchanged for similar effects that leave less of the loss.
 
-        `rows`: of each recording that is linearised at `estimate`. `is_near`: whether it is near
-        the effects. Far from them much else is unexplained, so that nothing is settled; near them
-        a claim is compared once, and again when the claims of similar effects are others.
+        `rows`: of each recording; those that are `sampled` are linearised at `estimate`.
+        `is_near`: whether it is near the effects. Far from them much else is unexplained, so that
+        nothing is settled; near them a claim is compared once, and again when the claims of
+        similar effects are others.
         """
         contexts = _contexts(estimate)
         found, worse = exchanged_for_competing(estimate, rows, evidence_at, self._kept(contexts))

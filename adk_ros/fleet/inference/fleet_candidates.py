@@ -7,7 +7,7 @@ Significant is what chance exceeds in `criteria.FAMILYWISE_ERROR_RATE` of fleets
 examined parameters and levels (Bonferroni), places included. Scatter between recordings or cars
 raises the variance of a size and lowers its degrees of freedom, so that it is no evidence for a
 mean. A size must also exceed build tolerance: the materiality threshold, and for an effect of all
-cars that of their mean, since the tolerances of n cars leave it by the root of n less.
+cars what tolerances leave in their mean, which is smaller by the square root of their number.
 """
 
 from __future__ import annotations
@@ -29,6 +29,7 @@ from adk_ros.fleet.inference.fleet_model import (
 )
 from adk_ros.fleet.inference.further_terms import evidence_of_designs
 from adk_ros.fleet.inference.levels import BOUND_DEVIATIONS, CAR, SHARED, Level, levels_of
+from adk_ros.fleet.inference.linearisation_point import MOVED
 from adk_ros.fleet.inference.saved_loss import SavedLoss, best_half
 from adk_ros.fleet.inference.variance_components import fitted_components
 from adk_ros.mismatch.library.criteria import (
@@ -185,11 +186,17 @@ class Candidates:
 
     def is_material(self, found: Assessment) -> bool:
         """Whether a size is more than build tolerance, of one car or of the mean of all."""
-        return abs(found.size) >= self.tolerance(found.candidate.level)
+        return abs(found.size) >= self.tolerance(found.candidate)
 
-    def tolerance(self, level: Level) -> float:
-        """Return the size that build tolerance may have at a level, in materiality thresholds."""
-        return 1.0 / np.sqrt(self.fleet.known_cars) if level.kind == SHARED else 1.0
+    def tolerance(self, candidate: Candidate) -> float:
+        """
+        Return the size that build tolerance may have, in materiality thresholds.
+
+        No smaller than what an effect may move without a further linearisation.
+        """
+        if candidate.level.kind != SHARED:
+            return 1.0
+        return float(max(self.fleet.effective_cars(candidate.effect) ** -0.5, MOVED))
 
     def explains(
         self, model: FleetModel, found: Assessment, excess: FloatArray | None = None

@@ -58,22 +58,19 @@ class FleetEstimate:
         return frozenset(identity(c) for c in self.model.claimed)
 
     def of_fleet(self, fleet: FleetEvidence) -> FleetEstimate:
-        """Return the estimate for these and further recordings, to be linearised at it."""
+        """
+        Return the estimate for these and further recordings, to be linearised at it.
+
+        Loss ratios and visits are those of the recordings that it comes from.
+        """
 
         def designed(candidate: Candidate) -> Candidate:
             return replace(candidate, design=candidate.level.design(fleet))
 
-        def placed(place: Place) -> Place:
-            names = (self.fleet.names[i] for i in place.recordings)
-            return replace(place, recordings=tuple(sorted(map(fleet.names.index, names))))
-
         claims = tuple(replace(c, candidate=designed(c.candidate)) for c in self.claims)
         model = replace(self.model, claimed=tuple(designed(c) for c in self.model.claimed))
         selection = Selection(fleet, 0, None, self.selection.refused, self.selection.beside)
-        return replace(
-            self, fleet=fleet, selection=selection, model=model, claims=claims,
-            places=tuple(map(placed, self.places)),
-        )  # fmt: skip
+        return replace(self, fleet=fleet, selection=selection, model=model, claims=claims)
 
     def values_of(self, recording: str) -> dict[str, float]:
         """

@@ -136,11 +136,25 @@ class FleetEvidence:
         """Names of the cars, sorted."""
         return sorted(set(self.cars))
 
-    @property
-    def known_cars(self) -> int:
-        """Number of cars; recordings whose car is not known may be of one, and count as one."""
-        known = {car for car, name in zip(self.cars, self.names, strict=True) if car != name}
-        return len(known) + (len(known) < len(self.car_names))
+    def effective_cars(self, effect: int) -> float:
+        """
+        Return how many cars with the same information say as much on the mean of an effect.
+
+        (sum w)^2 / sum w^2, w being a car's information. Recordings whose car is not known may be
+        of the car with most of it.
+        """
+        at = self.columns.first_effect + effect
+        of_car: dict[str, float] = {}
+        unknown = 0.0
+        for name, car, w in zip(self.names, self.cars, self.informations[:, at, at], strict=True):
+            if is_known_car(car, name):
+                of_car[car] = of_car.get(car, 0.0) + float(w)
+            else:
+                unknown += float(w)
+        weights = np.sort(list(of_car.values()) or [0.0])
+        weights[-1] += unknown
+        squares = float((weights**2).sum())
+        return float(weights.sum()) ** 2 / squares if squares > 0.0 else 1.0
 
     def kept(self, rows: Sequence[int]) -> FleetEvidence:
         """Return the evidence of some of the recordings."""
@@ -157,3 +171,8 @@ class FleetEvidence:
             excess=self.excess[at],
             expected_loss=self.expected_loss[at],
         )
+
+
+def is_known_car(car: str, recording: str) -> bool:
+    """Whether it is known which car a recording is of; else the car has its name."""
+    return car != recording

@@ -296,7 +296,7 @@ def _claim(estimate: FleetEstimate, one: Assessment, ties: tuple[str, ...]) -> C
 def _places(estimate: FleetEstimate) -> list[PlaceClaim]:
     out, fleet = [], estimate.fleet
     for place in estimate.places:
-        passing = list(place.recordings)
+        passing = [fleet.names.index(name) for name in place.recordings]
         column = column_of(place.key)
         low, high = _interval(column, *place.interval)
         out.append(

@@ -18,12 +18,12 @@ from adk_ros.fleet.inference.evidence import Column, Columns
 Point = Mapping[str, float]
 """Where a recording is linearised: effect -> size, thresholds."""
 
-_MOVED, _MOVED_SHARE = 0.3, 0.05
+MOVED, _MOVED_SHARE = 0.3, 0.05
 """
 A recording is linearised again where an effect has moved by so many materiality thresholds, and by
 this share of its size: less changes the estimate by a fraction of its interval. By choice.
 """
-_STEP, _STEP_SHARE = _MOVED / 1.5, _MOVED_SHARE / 1.5
+_STEP, _STEP_SHARE = MOVED / 1.5, _MOVED_SHARE / 1.5
 """Steps to which sizes are rounded, by half a step at most: a third of what matters."""
 
 
@@ -31,7 +31,7 @@ def has_moved(before: Point, after: Point) -> bool:
     """Whether any effect has moved so far that a recording is to be linearised again."""
     for key in {*before, *after}:
         a, b = before.get(key, 0.0), after.get(key, 0.0)
-        if abs(a - b) > max(_MOVED, _MOVED_SHARE * max(abs(a), abs(b))):
+        if abs(a - b) > max(MOVED, _MOVED_SHARE * max(abs(a), abs(b))):
             return True
     return False
 

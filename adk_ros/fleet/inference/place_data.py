@@ -21,8 +21,9 @@ class Place:
     """
     An effect's parameter at cells, on several recordings; sizes in materiality thresholds.
 
-    `alternatives`: keys that explain the cells as well; `recordings`: indices of those that pass
-    there; `p_value`: of the most significant cell when it was found, of whatever effect.
+    `alternatives`: keys that explain the cells as well; `recordings`: names of those that pass
+    there; `p_value`: of the most significant cell when it was found, of whatever effect, later of
+    its cells together.
     """
 
     key: str
@@ -31,7 +32,7 @@ class Place:
     deviation: float
     freedom: float
     p_value: float
-    recordings: tuple[int, ...]
+    recordings: tuple[str, ...]
     alternatives: tuple[str, ...] = ()
 
     @property
@@ -57,6 +58,7 @@ class PlaceData:
     def __init__(
         self, rows: Sequence[Row], names: Sequence[str], dispersion: Mapping[str, float]
     ) -> None:
+        self.names = tuple(names)
         known = {name: i for i, name in enumerate(names)}
         found: dict[Cell, list[PlaceEvidence]] = {}
         self.keys: tuple[str, ...] = ()

@@ -11,7 +11,7 @@ subtracted, and the search goes on.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -64,7 +64,8 @@ class _PlaceSearch:
     """A search with the scores that earlier finds leave."""
 
     def __init__(self, data: PlaceData, significance: float) -> None:
-        self._cells, self._keys, self._significance = data.cells, data.keys, significance
+        self._cells, self._keys, self._names = data.cells, data.keys, data.names
+        self._significance = significance
 
     def select(self, at: FloatArray, known: Sequence[Place]) -> list[Place]:
         """Return the effects at places."""
@@ -107,14 +108,33 @@ class _PlaceSearch:
         if not cells:
             return None
         whole = _together(tests, cells)
-        whole = replace(whole, size=place.size + whole.size)
-        tail = tail_of([tests[cell] for cell in _away(tests, place.cells)])
-        if p_value(whole, tail) >= self._significance or not is_claimable(place.key, whole):
+        tail = self._tail(tests, {(cell, place.key) for cell in _near(tests, place.cells)}, k)
+        whole = replace(whole, size=place.size + whole.size, freedom=min(whole.freedom, tail))
+        p = p_value(whole)
+        if p >= self._significance or not is_claimable(place.key, whole):
             return None
         # One that failed in a later pass has passed there as well.
-        passing = {r for cell in cells for r in self._cells[cell].recordings}
-        recordings = tuple(sorted(passing.union(place.recordings)))
-        return replace(place, size=whole.size, recordings=recordings)
+        recordings = self._passing(cells).union(place.recordings)
+        return replace(
+            place, size=whole.size, deviation=_deviation(tests, cells), freedom=whole.freedom,
+            p_value=p, recordings=tuple(sorted(recordings)),
+        )  # fmt: skip
+
+    def _passing(self, cells: Sequence[Cell]) -> set[str]:
+        """Return the names of the recordings that pass any of these cells."""
+        return {self._names[r] for cell in cells for r in self._cells[cell].recordings}
+
+    def _tail(
+        self, tests: Mapping[Cell, CellTest], blocked: Collection[tuple[Cell, str]], k: int
+    ) -> float:
+        """
+        Return the tail of the sizes of parameter `k` where nothing acts.
+
+        Without the cells `blocked`, and those that something may act at, by tests without a tail.
+        """
+        shown = [cell for cell, test in tests.items() if p_value(test) < self._significance]
+        left_out = {cell for cell, key in blocked if key == self._keys[k]} | _near(tests, shown)
+        return tail_of([test for cell, test in tests.items() if cell not in left_out])
 
     def _tests_of(self, k: int, scores: Mapping[Cell, FloatArray]) -> dict[Cell, CellTest]:
         """Return the size of a parameter at each cell against the empirical null."""
@@ -149,7 +169,14 @@ class _PlaceSearch:
         blocked: set[tuple[Cell, str]],
     ) -> Place | None:
         """Return the place of the most significant cell, all tests against the null."""
-        tests = {key: self._tests_of(k, scores) for k, key in enumerate(self._keys)}
+        tests: dict[str, dict[Cell, CellTest]] = {}
+        for k, key in enumerate(self._keys):
+            against_noise = self._tests_of(k, scores)
+            tail = self._tail(against_noise, blocked, k)
+            tests[key] = {
+                cell: replace(test, freedom=min(test.freedom, tail))
+                for cell, test in against_noise.items()
+            }
         good = {
             (cell, key): test
             for key, of_key in tests.items()
@@ -158,15 +185,9 @@ class _PlaceSearch:
             and (cell, key) not in blocked
             and is_claimable(key, test)
         }
-        while good:
-            seed, found = min(good, key=lambda pair: _rank(good[pair]))
-            away = [c for c in _away(tests[found], [seed]) if (c, found) not in blocked]
-            tail = tail_of([tests[found][cell] for cell in away])
-            if p_value(good[seed, found], tail) < self._significance:
-                break
-            del good[seed, found]
-        else:
+        if not good:
             return None
+        seed, found = min(good, key=lambda pair: _rank(good[pair]))
         # Each effect in the cells that show it; in one cell alone if its mean there is impossible.
         shown = {
             key: cells
@@ -183,16 +204,14 @@ class _PlaceSearch:
             for other, test in there.items()
             if is_claimable(other, test) and whole.gain - test.gain < INDISTINGUISHABLE_LOSS
         )
-        # The surrogate's error repeats in adjoining cells: many say a size no better than one.
-        variance = min(tests[key][cell].variance for cell in cells)
         return Place(
             key,
             tuple(sorted(cells, key=lambda c: (c.x, c.y, c.direction))),
             whole.size,
-            float(np.sqrt(variance + SYSTEMATIC_ERROR_PER_MATERIALITY**2)),
+            _deviation(tests[key], cells),
             whole.freedom,
-            p_value(good[seed, found], tail),
-            tuple(sorted({r for cell in cells for r in self._cells[cell].recordings})),
+            p_value(good[seed, found]),
+            tuple(sorted(self._passing(cells))),
             alternatives,
         )
 
@@ -223,9 +242,19 @@ def _cells_that_show(
     return _connected(seed, shown) if seed in shown else []
 
 
-def _away(cells: Iterable[Cell], place: Sequence[Cell]) -> list[Cell]:
-    """Return the cells beyond the reach of a place."""
-    return [cell for cell in cells if not any(_is_near(cell, other) for other in place)]
+def _near(cells: Iterable[Cell], place: Sequence[Cell]) -> set[Cell]:
+    """Return the cells within reach of a place."""
+    return {cell for cell in cells if any(_is_near(cell, other) for other in place)}
+
+
+def _deviation(tests: Mapping[Cell, CellTest], cells: Sequence[Cell]) -> float:
+    """
+    Return the deviation of the size of a place.
+
+    The surrogate's error repeats in adjoining cells: many say a size no better than one.
+    """
+    variance = min(tests[cell].variance for cell in cells)
+    return float(np.sqrt(variance + SYSTEMATIC_ERROR_PER_MATERIALITY**2))
 
 
 def _together(tests: Mapping[Cell, CellTest], cells: Sequence[Cell]) -> CellTest:

@@ -138,8 +138,7 @@ def _reason(selection: Selection, model: FleetModel, found: Assessment, gain: fl
     if not selection.is_possible(found):
         return "the parameter would leave its range: another effect that the catalogue lacks"
     if not selection.is_material(found):
-        is_shared = found.candidate.level.kind == SHARED
-        of = f"the mean of {selection.fleet.known_cars} cars" if is_shared else "a car"
+        of = "the mean of all cars" if found.candidate.level.kind == SHARED else "a car"
         return f"within the build tolerance of {of}"
     if found.p_value < selection.significance:
         if not selection.explains(model, found):

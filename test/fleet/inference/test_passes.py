@@ -4,28 +4,23 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Collection, Mapping
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
-import numpy as np
 import pytest
+from helpers.analysed_fleets import PLACE, evidence_of, rows_at
 
 from adk_ros.fleet.inference.analysis import MAX_PASSES, _linearised_at, analyse_fleet
-from adk_ros.fleet.inference.evidence import RECORDING, SCHEMA, SIMULATION, Evidence, Row, packed
+from adk_ros.fleet.inference.evidence import RECORDING, SIMULATION, Row
 from adk_ros.fleet.inference.fleet_estimate import FleetEstimate
-from adk_ros.fleet.inference.fleet_evidence import FleetEvidence, RecordingTags
-from adk_ros.fleet.inference.levels import CAR, SHARED, Level
+from adk_ros.fleet.inference.fleet_evidence import RecordingTags
+from adk_ros.fleet.inference.levels import SHARED, Level
 from adk_ros.fleet.inference.linearisation_point import has_moved, rounded_size, rounded_value
 from adk_ros.fleet.inference.numerical_fleet import FleetPlan, Injection, draw_fleet
 from adk_ros.fleet.inference.place_data import Place
 from adk_ros.fleet.inference.place_evidence import Cell
-from adk_ros.fleet.inference.representative_recordings import (
-    EARLY_RECORDINGS,
-    representative_recordings,
-)
 
 
 @pytest.mark.parametrize(
@@ -79,7 +74,7 @@ def test_places_that_have_not_moved_keep_the_size_of_their_recordings() -> None:
 
 
 def a_place(size: float, cell: Cell) -> Place:
-    return Place("road_grade.grade", (cell,), size, 0.1, 20.0, 1e-6, (0, 1))
+    return Place("road_grade.grade", (cell,), size, 0.1, 20.0, 1e-6, ("drive000", "drive001"))
 
 
 def test_the_first_step_is_limited() -> None:
@@ -98,8 +93,6 @@ def test_the_first_step_is_limited() -> None:
 
 
 SLOW, REASON = "drive003", "TimeoutError: longer than 60 s"
-PLACE = Cell(15, 0, 0)
-"""Where `rows_at` has a bank."""
 
 
 @pytest.mark.parametrize("with_place", [False, True])
@@ -209,96 +202,6 @@ def test_a_place_moves_only_the_recordings_that_pass_it() -> None:
     assert passing <= {name for names in asked[1:] for name in names}
 
 
-def test_early_passes_of_a_large_fleet_are_of_some_recordings() -> None:
-    drag = Injection("aero_drag.cda", Level(SHARED), 6.0)
-    tyre = Injection("front_tyre_stiffness.scale", Level(CAR, car="car03"), 8.0)
-    plan = FleetPlan(
-        cars=5, recordings=120, effects=7, bias=0.0, deviation=0.2, injections=(drag, tyre)
-    )
-    fleet = draw_fleet(3, plan)
-    asked: list[set[str]] = []
-
-    def evidence_at(
-        at: FleetEstimate | None, names: Collection[str] | None
-    ) -> tuple[list[Row], Mapping[str, str]]:
-        chosen = fleet.names if names is None else sorted(names)
-        asked.append(set(chosen))
-        return [row for name in chosen for row in rows_at(fleet, name, at, True)], {}
-
-    tags = {
-        name: RecordingTags(car, day)
-        for name, car, day in zip(fleet.names, fleet.cars, fleet.days.tolist(), strict=True)
-    }
-    early = representative_recordings(tags)
-    simulation: Any = SimpleNamespace(evidence=evidence_of(fleet, 0, SIMULATION))
-    found = analyse_fleet(evidence_at, simulation, lambda rows: tags)
-    late = set(fleet.names) - early
-    assert len(early) == EARLY_RECORDINGS
-    assert asked[0] == set(fleet.names)
-    with_late = next(i for i, names in enumerate(asked[1:], 1) if names & late)
-    assert set().union(*asked[1:with_late]) == early
-    # The others once, at the estimate of these.
-    assert Counter(name for names in asked[1:] for name in names & late) == Counter(late)
-    claims = {(claim.effect, claim.level) for claim in found.result.claims}
-    assert claims == {("aero_drag", "all cars"), ("front_tyre_stiffness", "car03")}
-    assert all(len(c.candidate.design) == len(fleet.names) for c in found.estimate.claims)
-    (place,) = found.estimate.places
-    assert place.size == pytest.approx(6.0, rel=0.1)
-    assert len(place.recordings) == len(fleet.names)
-    assert len(found.result.recordings) == len(fleet.names)
-
-
-def evidence_of(
-    fleet: FleetEvidence, i: int, kind: str = RECORDING, at: FleetEstimate | None = None
-) -> Evidence:
-    columns, point = fleet.columns, np.zeros(fleet.columns.size)
-    values = {} if at is None else at.point_of(fleet.names[i])
-    for key, value in values.items():
-        j = columns.first_effect + columns.effects.index(key)
-        point[j] = value / columns.column(key).materiality
-    gain = 2.0 * fleet.scores[i] @ point - point @ fleet.informations[i] @ point
-    expected = float(fleet.expected_loss[i])
-    return Evidence(
-        fleet.names[i] if kind == RECORDING else kind,
-        kind,
-        columns,
-        fleet.scores[i],
-        fleet.informations[i],
-        150.0,
-        loss=float(expected + fleet.excess[i] - gain),
-        expected_loss=expected,
-        point=point,
-        scatter=1e-6 * fleet.informations[i] if kind == SIMULATION else None,
-        blocks=30,
-    )
-
-
-def rows_at(
-    fleet: FleetEvidence, name: str, at: FleetEstimate | None, with_place: bool
-) -> list[Row]:
-    """Return the rows of a recording, with a bank of 6 thresholds in one of several cells."""
-    i = fleet.names.index(name)
-    placed = 0.0 if at is None else sum(p.size for p in at.places)
-    rng = np.random.default_rng(i)
-    places = [
-        {
-            "schema": SCHEMA,
-            "kind": "place",
-            "recording": name,
-            "cell": Cell(5 * x, 0, 0).text,
-            "counted_s": 4.0,
-            "effects": "road_bank.bank",
-            "score": packed(
-                np.array([100.0 * (6.0 - placed) * (x == 3) + 10.0 * rng.standard_normal()])
-            ),
-            "information": packed(np.array([[100.0]])),
-            "cross": np.zeros((1, fleet.columns.size), dtype="<f4").tobytes(),
-        }
-        for x in range(20 if with_place else 0)
-    ]
-    return [evidence_of(fleet, i, RECORDING, at).to_row(), *places]
-
-
 def test_evidence_is_grouped_in_one_pass(monkeypatch: pytest.MonkeyPatch) -> None:
     asked = []
 
@@ -320,6 +223,8 @@ def test_evidence_is_grouped_in_one_pass(monkeypatch: pytest.MonkeyPatch) -> Non
     ]
     simulation: Any = SimpleNamespace(evidence=SimpleNamespace(to_row=dict))
     monkeypatch.setattr("adk_ros.fleet.inference.analysis.estimate_fleet", estimate)
+    # Two of each car: all of them stand for the fleet.
+    tags = {f"{'ab'[i % 2]}{i:03d}": RecordingTags(f"car{i // 2}") for i in range(600)}
     with pytest.raises(Finished):
-        analyse_fleet(lambda *_: (found, {}), simulation, lambda rows: {})
+        analyse_fleet(lambda *_: (found, {}), simulation, lambda rows: tags)
     assert asked.count("recording") == len(found)

@@ -134,16 +134,34 @@ def test_an_error_that_repeats_is_no_place_even_where_little_informs() -> None:
 def test_the_largest_of_many_errors_is_no_place() -> None:
     """Errors with heavy tails, in many recordings: the largest is six times as large as usual."""
     every = [_found(_rows(6.0, seed=seed, freedom=3.0, cells=200)) for seed in range(20)]
-    assert sum(map(len, every)) <= 1
+    # Most of these fleets have a place, if the errors are taken for normal ones.
+    assert sum(map(len, every)) <= 3
     (place,) = _found(_rows(0.3, size=60.0, freedom=3.0))
     assert place.size == pytest.approx(60.0, rel=0.1)
+
+
+@pytest.mark.parametrize("places", [2, 3])
+@pytest.mark.parametrize("cells", [40, 60, 100])
+def test_places_do_not_hide_each_other(places: int, cells: int) -> None:
+    rows = _rows(0.3, cells=cells - 3 * places)
+    for i in range(places):
+        at = 2000 + 40 * i
+        names = {20 + k: f"{at + k}/0/0" for k in range(3)}
+        rows += [
+            row | {"cell": names[Cell.of_text(str(row["cell"])).x]}
+            for row in _rows(0.3, size=6.0, last=(20, 22), seed=i + 2)
+            if Cell.of_text(str(row["cell"])).x in names
+        ]
+    found = _found(rows)
+    assert len(found) == places
+    assert all(place.size == pytest.approx(6.0, rel=0.2) for place in found)
 
 
 def test_what_a_known_place_leaves_next_to_it_is_no_second_one() -> None:
     rows = _rows(0.3, size=6.0, last=(20, 22))
     data = PlaceData(rows, NAMES, dict.fromkeys(NAMES, 1.0))
     at = np.zeros((RECORDINGS, 2))
-    known = Place(KEY, (Cell(20, 0, 0),), 0.0, 1.0, 9.0, 1e-9, tuple(range(RECORDINGS)))
+    known = Place(KEY, (Cell(20, 0, 0),), 0.0, 1.0, 9.0, 1e-9, tuple(NAMES))
     places = select_places(data, at, SIGNIFICANCE, [known])
     assert [place.cells for place in places[:1]] == [known.cells]
     assert all(Cell(21, 0, 0) not in place.cells for place in places)
@@ -164,7 +182,7 @@ def test_a_known_place_that_is_not_seen_any_more_is_dropped() -> None:
     # The recordings were linearised at a size of 3, of which they show nothing.
     rows = _rows(0.3, size=-3.0)
     data = PlaceData(rows, NAMES, dict.fromkeys(NAMES, 1.0))
-    known = Place(KEY, (Cell(20, 0, 0),), 3.0, 0.1, 9.0, 1e-9, tuple(range(RECORDINGS)))
+    known = Place(KEY, (Cell(20, 0, 0),), 3.0, 0.1, 9.0, 1e-9, tuple(NAMES))
     assert select_places(data, np.zeros((RECORDINGS, 2)), SIGNIFICANCE, [known]) == []
     # Recordings have no evidence of known places: nothing is to be undone.
     assert not data.correction([], [known], (RECORDINGS, 2)).any()
@@ -173,7 +191,7 @@ def test_a_known_place_that_is_not_seen_any_more_is_dropped() -> None:
 
 def test_what_a_new_place_explains_is_no_evidence_of_anything_else() -> None:
     data = PlaceData(_rows(0.3, size=3.0), NAMES, dict.fromkeys(NAMES, 1.0))
-    new = Place(KEY, (Cell(20, 0, 0),), 3.0, 0.1, 9.0, 1e-9, tuple(range(RECORDINGS)))
+    new = Place(KEY, (Cell(20, 0, 0),), 3.0, 0.1, 9.0, 1e-9, tuple(NAMES))
     np.testing.assert_allclose(data.correction([new], [], (RECORDINGS, 2))[:, 0], 300.0)
     assert (data.saved_loss([new], [], RECORDINGS) > 0.0).all()
     assert not data.correction([new], [new], (RECORDINGS, 2)).any()

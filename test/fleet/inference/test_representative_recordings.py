@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+from collections import Counter
+
 import pytest
 
 from adk_ros.fleet.inference.fleet_evidence import RecordingTags
@@ -22,20 +24,38 @@ def fleet_of(cars: int, recordings: int) -> dict[str, RecordingTags]:
     }
 
 
-def test_cars_and_days_are_represented_evenly() -> None:
-    tags = fleet_of(12, 240)
+@pytest.mark.parametrize("numbers", [[20] * 12, [200, *[1] * 8], [200, 200, *[1] * 28], [300, 4]])
+def test_cars_are_represented_as_evenly_as_possible(numbers: list[int]) -> None:
+    tags = {
+        f"drive{car:02d}_{i:03d}": RecordingTags(f"car{car:02d}", float(i))
+        for car, number in enumerate(numbers)
+        for i in range(number)
+    }
     chosen = representative_recordings(tags)
-    assert 60 <= len(chosen) <= 66
-    for car in {one.car for one in tags.values()}:
-        days = sorted(tags[name].day for name in chosen if tags[name].car == car)
-        every = sorted(one.day for one in tags.values() if one.car == car)
-        assert len(days) >= 5
-        assert (days[0], days[-1]) == (every[0], every[-1])
+    assert 60 <= len(chosen) < 60 + len(numbers)
+    of_car = Counter(tags[name].car for name in chosen)
+    of_each = [of_car[f"car{car:02d}"] for car in range(len(numbers))]
+    most = max(of_each)
+    assert all(n in {most, number} for n, number in zip(of_each, numbers, strict=True))
+    days = [tags[name].day for name in chosen if tags[name].car == "car00"]
+    assert min(days) < 0.5 * numbers[0] < max(days)
+
+
+def test_a_further_recording_changes_the_choice_little() -> None:
+    tags = fleet_of(6, 300)
+    before = representative_recordings(tags)
+    after = representative_recordings(tags | {"drive999": RecordingTags("car00", 61.0)})
+    assert len(before & after) >= len(before) - 1
+
+
+def test_recordings_of_unknown_cars_are_as_those_of_one() -> None:
+    tags = {f"drive{i:03d}": RecordingTags(f"drive{i:03d}") for i in range(200)}
+    assert len(representative_recordings(tags)) == 60
 
 
 def test_a_rare_value_of_a_tag_is_represented() -> None:
     tags = fleet_of(12, 240)
-    rare = {name for name in list(tags)[100:104]}
+    rare = set(list(tags)[100:104])
     tags |= {n: RecordingTags(tags[n].car, tags[n].day, {"tyre": "C"}) for n in rare}
     assert len(rare.intersection(representative_recordings(tags))) >= 3
 

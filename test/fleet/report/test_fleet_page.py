@@ -52,7 +52,7 @@ def result(drag: float = 5.0) -> FleetResult:
     selection = Selection(fleet)
     model = selection.select()
     cells = (Cell(3, 4, 0), Cell(4, 4, 0))
-    place = Place("road_grade.grade", cells, 6.0, 0.5, 9.0, 1e-9, tuple(range(10)))
+    place = Place("road_grade.grade", cells, 6.0, 0.5, 9.0, 1e-9, fleet.names[:10])
     estimate = FleetEstimate(
         fleet,
         selection,
