@@ -258,13 +258,20 @@ def _deviation(tests: Mapping[Cell, CellTest], cells: Sequence[Cell]) -> float:
 
 
 def _together(tests: Mapping[Cell, CellTest], cells: Sequence[Cell]) -> CellTest:
-    """Return the test of one size in all cells, with the fewest degrees of freedom of any."""
+    """
+    Return the test of one size in all cells.
+
+    Errors of adjoining cells may be the same: the relative deviations sqrt(2 / f) of their
+    variances add, by the weight of each cell, to that of f degrees of freedom.
+    """
     known = [tests[cell] for cell in cells if cell in tests]
     if not known:
         return CellTest(0.0, 0.0, 1.0)
     weights = np.array([1.0 / test.variance for test in known])
     size = float(weights @ np.array([test.size for test in known]) / weights.sum())
-    return CellTest(size, float(1.0 / weights.sum()), min(test.freedom for test in known))
+    freedoms = np.array([test.freedom for test in known])
+    freedom = float((weights / weights.sum() / np.sqrt(freedoms)).sum() ** -2)
+    return CellTest(size, float(1.0 / weights.sum()), freedom)
 
 
 def _rank(test: CellTest) -> tuple[float, float]:
