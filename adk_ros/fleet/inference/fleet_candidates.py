@@ -4,7 +4,7 @@
 Candidates of a selection over a fleet: which there are, and how each is judged next to claims.
 
 Significant is what chance exceeds in `criteria.FAMILYWISE_ERROR_RATE` of fleets anywhere among the
-examined parameters and levels (Bonferroni), places included. Scatter between recordings or cars
+examined parameters, levels and places (`error_rates`). Scatter between recordings or cars
 raises the variance of a size and lowers its degrees of freedom, so that it is no evidence for a
 mean. A size must also exceed build tolerance: the materiality threshold, and for an effect of all
 cars what tolerances leave in their mean, which is smaller by the square root of their number.
@@ -18,6 +18,7 @@ from dataclasses import replace
 import numpy as np
 
 from adk_ros.fleet.inference.assessment import Assessment, assessment_of, extended
+from adk_ros.fleet.inference.error_rates import ErrorRates
 from adk_ros.fleet.inference.fleet_evidence import FleetEvidence
 from adk_ros.fleet.inference.fleet_model import (
     MIN_SHARED_GAIN,
@@ -32,10 +33,7 @@ from adk_ros.fleet.inference.levels import BOUND_DEVIATIONS, CAR, SHARED, Level,
 from adk_ros.fleet.inference.linearisation_point import MOVED
 from adk_ros.fleet.inference.saved_loss import SavedLoss, best_half
 from adk_ros.fleet.inference.variance_components import fitted_components
-from adk_ros.mismatch.library.criteria import (
-    FAMILYWISE_ERROR_RATE,
-    MIN_GAIN_PER_EXCESS,
-)
+from adk_ros.mismatch.library.criteria import MIN_GAIN_PER_EXCESS
 from adk_ros.numerics.arrays import FloatArray
 
 _LEVELS_PER_PARAMETER = 3
@@ -59,7 +57,7 @@ Identity = tuple[int, Level]
 
 class Candidates:
     """
-    Candidates of a fleet; `further_tests`: tests of others that share the error rate (places).
+    Candidates of a fleet; `further_tests`: tests at places, which share the rate of false alarms.
 
     `levels` are those that the recordings tell apart. `refused`: candidates that are not examined.
     `beside`: candidate -> a better one of the same recordings, next to which alone it is examined
@@ -79,17 +77,12 @@ class Candidates:
         self.designs = np.array([level.design(fleet) for level in self.levels])
         informative = np.einsum("rii->i", fleet.informations)[fleet.columns.first_effect :]
         self.observable = [int(i) for i in np.flatnonzero(informative > 0.0)]
-        self.tests = max(len(self.observable) * len(self.levels) + further_tests, 1)
+        self.rates = ErrorRates.of(self.levels, len(self.observable), further_tests)
         self.null_excess = np.maximum(remaining_excess(fleet, FleetModel((), {})), 0.0)
         """(r,) loss above that of a perfect model without any claim."""
         self.refused = refused
         self.beside = dict(beside or {})
         self.progress = progress or (lambda done, text: None)
-
-    @property
-    def significance(self) -> float:
-        """Largest p-value of a significant candidate."""
-        return FAMILYWISE_ERROR_RATE / self.tests
 
     def is_allowed(self, model: FleetModel, candidate: Candidate) -> bool:
         """Whether a candidate may be claimed next to the claims of a model, refused ones not."""
@@ -178,11 +171,11 @@ class Candidates:
 
     def is_claimable(self, found: Assessment) -> bool:
         """Whether a candidate is significant, material, and possible."""
-        return (
-            found.p_value < self.significance
-            and self.is_material(found)
-            and self.is_possible(found)
-        )
+        return self.is_significant(found) and self.is_material(found) and self.is_possible(found)
+
+    def is_significant(self, found: Assessment) -> bool:
+        """Whether chance exceeds a size in few fleets anywhere among the examined ones."""
+        return found.p_value < self.rates.of_level(found.candidate.level)
 
     def is_material(self, found: Assessment) -> bool:
         """Whether a size is more than build tolerance, of one car or of the mean of all."""

@@ -152,7 +152,7 @@ def estimate_fleet(
         selection = Selection(corrected, data.tests, progress, refused, beside)
         model = _selected(selection)
         at = joint_vectors(corrected, model) + fleet.origin
-        found = select_places(data, at, selection.significance, known_places)
+        found = select_places(data, at, selection.rates.of_place, known_places)
         if {(p.key, p.cells) for p in found} == {(p.key, p.cells) for p in places}:
             places = found
             break

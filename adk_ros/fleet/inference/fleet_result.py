@@ -233,7 +233,7 @@ def fleet_result(
         tuple(_vehicles(estimate)),
         tuple(_trends(estimate, at)),
         tuple((*cell.centre, count) for cell, count in estimate.visits.items()),
-        selection.tests,
+        selection.rates.tests,
         0 if fleet.error is None else fleet.error.drives,
     )
 

@@ -113,7 +113,7 @@ class Selection(Candidates):
         `floor`: candidates with less evidence are of no use.
         """
         best: Assessment | None = None
-        least = max(float(ndtri(0.5 * self.significance)) ** 2, floor)
+        least = max(float(ndtri(0.5 * self.rates.largest)) ** 2, floor)
         excess = remaining_excess(self.fleet, model)
         for gain, candidate in self.ranked(model, excess):
             # No candidate has more evidence than its gain: the rest is no better.

@@ -140,15 +140,15 @@ def _reason(selection: Selection, model: FleetModel, found: Assessment, gain: fl
     if not selection.is_material(found):
         of = "the mean of all cars" if found.candidate.level.kind == SHARED else "a car"
         return f"within the build tolerance of {of}"
-    if found.p_value < selection.significance:
+    if selection.is_significant(found):
         if not selection.explains(model, found):
             return "significant, but it explains too little of what differs"
         return "significant, but no longer next to the claimed effects"
     if found.evidence < 0.5 * gain:
         level = "recordings" if found.candidate.level.kind == CAR else "recordings or cars"
         return f"the size differs between {level} as much as its mean"
-    key = selection.fleet.columns.effects[found.candidate.effect]
     fleet = selection.fleet
+    tests = selection.rates.tests_of(found.candidate.level)
     further = ""
     if (
         found.candidate.level.kind == SHARED
@@ -158,6 +158,5 @@ def _reason(selection: Selection, model: FleetModel, found: Assessment, gain: fl
         further = "; --further-simulation lowers that error"
     return (
         f"{abs(found.size) / found.deviation:.1f} standard deviations: chance and the surrogate's "
-        f"error reach that somewhere among {selection.tests} tests "
-        f"({column_of(key).effect.name} is examined at all levels){further}"
+        f"error reach that somewhere among {tests} tests at this kind of level{further}"
     )

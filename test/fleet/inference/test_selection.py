@@ -150,7 +150,7 @@ def small_drag(level: Level, cars: tuple[str, ...] = ()) -> tuple[Selection, Ass
 def test_build_tolerance_is_of_single_cars(level: Level, is_claimable: bool) -> None:
     selection, found = small_drag(level)
     assert 0.5 < found.size < 1.0
-    assert found.p_value < selection.significance
+    assert selection.is_significant(found)
     assert selection.is_claimable(found) == is_claimable
 
 
