@@ -118,11 +118,11 @@ def test_dry_run_of_all_passes(drives, tmp_path, capsys) -> None:
     text = capsys.readouterr().out
     assert "evidence: 2 recordings, 0 done, 2 to process" in text
     assert "counts of the first of about 3 passes" in text
-    assert "by a default of 0.7 s of a core for a minute of recording and pass" in text
+    assert "by a default of 0.4 s of a core for a minute of recording and pass" in text
     assert not out.exists()
     # Half a minute, three times; the damaged file has six bytes.
     assert main([*given, "--dry-run", "--json", "--workers", "1"]) == 0
-    assert json.loads(capsys.readouterr().out)["seconds"] == pytest.approx(1.05, rel=0.02)
+    assert json.loads(capsys.readouterr().out)["seconds"] == pytest.approx(0.6, rel=0.02)
     # At the rate of one recording that took 30 s: one to do and both again in two passes.
     row = {"recording": "town", "key": "1", "status": "ok", "seconds": 30.0}
     size = find_recordings([str(drives)])[-1].size

@@ -24,11 +24,11 @@ from adk_ros.api.fleet.recording_minutes import recording_minutes
 from adk_ros.bags.recording import RecordingOptions
 from adk_ros.fleet.dataset import FleetDataset
 
-DEFAULT_CORE_S = 0.7
+DEFAULT_CORE_S = 0.4
 """
-s of a core for a minute of recording and pass, before there is a result: 'adk fleet demo' took
-23 min on two cores for 195 recordings of 3 to 10 min (doc/fleet.md); assumed are 6.5 min on
-average and three passes.
+s of a core for a minute of recording and pass, before there is a result: the analysis of 'adk
+fleet demo' took 12 min on two cores for 1256 min of recording (doc/fleet.md), counted as three
+passes.
 """
 _DEFAULT_BASIS = (
     f"a default of {DEFAULT_CORE_S:g} s of a core for a minute of recording and pass, as an "
