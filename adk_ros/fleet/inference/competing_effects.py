@@ -31,7 +31,7 @@ from adk_ros.mismatch.library.criteria import INDISTINGUISHABLE_LOSS
 from adk_ros.numerics.arrays import FloatArray
 from adk_ros.numerics.bounded_quadratic import bounded_maxima
 
-_SAMPLE = 6
+SAMPLE = 6
 """Recordings that are linearised at each effect, those that say most about it. By choice."""
 _LINEARISATIONS = 2
 """Of each effect in place of a claim: the first is at the size of the claim."""
@@ -155,9 +155,9 @@ class Sample:
         inexact = MIN_GAIN_PER_NULL_EXCESS * estimate.selection.null_excess
         if weights is None:
             information = fleet.informations[:, column, column] * design**2
-            weights = information / (INDISTINGUISHABLE_LOSS / _SAMPLE + inexact)
+            weights = information / (INDISTINGUISHABLE_LOSS / SAMPLE + inexact)
         usable = np.array([name in rows for name in fleet.names]) & (design > 0.0)
-        order = [int(i) for i in np.argsort(-weights) if usable[i]][:_SAMPLE]
+        order = [int(i) for i in np.argsort(-weights) if usable[i]][:SAMPLE]
         names = tuple(fleet.names[i] for i in order)
         return cls(
             names,

@@ -13,6 +13,7 @@ import pytest
 from helpers.analysed_fleets import PLACE, evidence_of, rows_at
 
 from adk_ros.fleet.inference.analysis import MAX_PASSES, _linearised_at, analyse_fleet
+from adk_ros.fleet.inference.competing_effects import SAMPLE
 from adk_ros.fleet.inference.evidence import RECORDING, SIMULATION, Row
 from adk_ros.fleet.inference.fleet_estimate import FleetEstimate
 from adk_ros.fleet.inference.fleet_evidence import RecordingTags
@@ -228,3 +229,36 @@ def test_evidence_is_grouped_in_one_pass(monkeypatch: pytest.MonkeyPatch) -> Non
     with pytest.raises(Finished):
         analyse_fleet(lambda *_: (found, {}), simulation, lambda rows: tags)
     assert asked.count("recording") == len(found)
+
+
+@pytest.mark.parametrize("fails", [False, True])
+def test_what_decides_between_similar_effects_is_linearised_first(fails: bool) -> None:
+    """A claim that is exchanged moves all recordings: most are linearised afterwards, once."""
+    lag = Injection("steering_lag.tau", Level(SHARED), 6.0)
+    plan = FleetPlan(cars=6, recordings=30, effects=18, bias=0.0, deviation=0.2, injections=(lag,))
+    fleet = draw_fleet(3, plan)
+    asked: list[list[str]] = []
+
+    def evidence_at(
+        at: FleetEstimate | None, names: Collection[str] | None
+    ) -> tuple[list[Row], Mapping[str, str]]:
+        chosen = list(fleet.names) if names is None else sorted(names)
+        asked.append(chosen)
+        # The first of the sample takes too long.
+        failed = {chosen[0]: REASON} if fails and len(asked) == 2 else {}
+        usable = [name for name in chosen if name not in failed]
+        return [row for name in usable for row in rows_at(fleet, name, at, False)], failed
+
+    tags = {name: RecordingTags(c) for name, c in zip(fleet.names, fleet.cars, strict=True)}
+    simulation: Any = SimpleNamespace(evidence=evidence_of(fleet, 0, SIMULATION))
+    found = analyse_fleet(evidence_at, simulation, lambda rows: tags)
+    assert [claim.effect for claim in found.result.claims] == ["steering_lag"]
+    sample = set(asked[1])
+    assert len(sample) == SAMPLE
+    if fails:
+        assert len(asked[2]) == 1
+        assert sample.isdisjoint(asked[2])
+        assert found.outdated == {asked[1][0]: REASON}
+        sample |= set(asked[2])
+    others = [set(names) - sample for names in asked[2:] if set(names) - sample]
+    assert others[0] == set(fleet.names) - sample
