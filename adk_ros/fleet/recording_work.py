@@ -17,7 +17,7 @@ from adk_ros.fleet.recordings import (
     content_hash,
     local_recording,
 )
-from adk_ros.fleet.stage import Stage
+from adk_ros.fleet.stage import KeepingStage, Stage
 from adk_ros.fleet.stage_process import NotShared
 
 
@@ -49,7 +49,7 @@ def _require(shared: Sequence[str]) -> None:
 
 
 def run_on_recording(
-    stage: Stage, recording: FleetRecording, shared: Sequence[str] = ()
+    stage: Stage, recording: FleetRecording, shared: Sequence[str] = (), content: str = ""
 ) -> list[dict[str, Any]]:
     """
     Return the rows of a stage on one recording: what a stage process runs.
@@ -57,10 +57,18 @@ def run_on_recording(
     Texts name the recording by its URI, not by its copy on the disk, which is removed.
 
     :param shared: paths that the driver sees, and the worker has to see as well.
+    :param content: hash of the content, "" if it is not known: what a stage has kept of it is not
+        read again.
     :raises NotShared: it does not.
     :raises UsageError: the recording has changed since it was listed.
     """
     _require(shared)
+    if content and isinstance(stage, KeepingStage):
+        stage = keeping = stage.of_content(content)
+        kept = keeping.run_kept(recording.name)
+        if kept is not None:
+            check_unchanged(recording)
+            return [checked_row(row) for row in kept]
     with local_recording(recording) as path:
 
         def named(value: Any) -> Any:

@@ -165,7 +165,10 @@ def _compute(
     tasks = (
         Task(
             work.key, run_on_recording,
-            (stage, work.recordings[0], (*shared, *seen_folder(work.recordings[0]))),
+            (
+                stage, work.recordings[0], (*shared, *seen_folder(work.recordings[0])),
+                work.content_hash,
+            ),
             limits.timeout_s, limits.memory_mib,
         )
         for work in missing

@@ -52,6 +52,21 @@ class StagePerRecording(Protocol):
         """Return a function: name of a recording -> hash of its inputs, "" for none."""
 
 
+@runtime_checkable
+class KeepingStage(Stage, Protocol):
+    """A stage that keeps what it has read, so that it reads a recording once for several runs."""
+
+    def of_content(self, content_hash: str) -> KeepingStage:
+        """Return the stage for a recording with this hash of its content."""
+
+    def run_kept(self, recording: str) -> list[dict[str, Any]] | None:
+        """
+        Return the findings from what was kept, as `Stage.run`; None if nothing was.
+
+        :raises AdkError: the recording is unusable.
+        """
+
+
 def _no_inputs(recording: str) -> str:
     return ""
 

@@ -8,7 +8,7 @@ import base64
 import json
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -37,7 +37,7 @@ class EvidenceStage:
     to linearise (`write_point`), "" for no effect. Rows: kind `recording` with the loss over that
     of a perfect model as value, and `place` for each cell of the map; details hold the evidence.
     `options`: topics and sensor configuration. `logs`: folder in which decoded recordings are kept
-    for further passes, "" for none.
+    for further passes, "" for none; `content`: hash of the recording's content.
     """
 
     simulation: str
@@ -45,6 +45,7 @@ class EvidenceStage:
     without_imu: bool = False
     options: RecordingOptions = field(default_factory=RecordingOptions)
     logs: str = ""
+    content: str = ""
     name: str = "evidence"
 
     @property
@@ -68,15 +69,39 @@ class EvidenceStage:
         """Files of the simulation and of the estimate, folder of decoded recordings."""
         return tuple(path for path in (self.simulation, self.point, self.logs) if path)
 
+    def of_content(self, content_hash: str) -> EvidenceStage:
+        """Return the stage for a recording with this hash of its content."""
+        return replace(self, content=content_hash)
+
+    def run_kept(self, recording: str) -> list[dict[str, Any]] | None:
+        """Return the rows of a recording that was decoded before; None if it was not."""
+        from adk_ros.mismatch.recording.sensor_log_file import load_sensor_log
+
+        if not (self.logs and self.content):
+            return None
+        # Whatever a crash or another version left there, the recording can be decoded.
+        try:
+            log = load_sensor_log(self._kept())
+        except DataError:
+            return None
+        return self._rows(log, recording)
+
     def run(self, path: Path, recording: str) -> list[dict[str, Any]]:
         """Return the rows of the recording of this name."""
+        from adk_ros.api.recording import read_log
+        from adk_ros.mismatch.recording.sensor_log_file import save_sensor_log
+
+        needs_imu, radius = not self.without_imu, self._wheel_radius()
+        log = read_log(path, self.options, needs_imu=needs_imu, wheel_radius=radius)
+        if self.logs and self.content:
+            with suppress(OSError):
+                save_sensor_log(log, self._kept())
+        return self._rows(log, recording)
+
+    def _rows(self, log: SensorLog, recording: str) -> list[dict[str, Any]]:
         from adk_ros.fleet.inference.evidence import RECORDING
         from adk_ros.fleet.inference.recording_evidence import evidence_rows
-        from adk_ros.mismatch.library.surrogate_parameters import INDEX
 
-        simulation = _simulation(self.simulation, file_hash(self.simulation))
-        radius = float(simulation.surrogate.parameters[INDEX["wheel_radius"]])
-        log = self._log(path, radius)
         values, local = read_point(self.point, recording)
         return [
             {
@@ -85,26 +110,21 @@ class EvidenceStage:
                 "value": row["loss_ratio"] if row["kind"] == RECORDING else None,
                 "details": evidence_text(row),
             }
-            for row in evidence_rows(log, simulation, values, local, name=recording)
+            for row in evidence_rows(log, self._identified(), values, local, name=recording)
         ]
 
-    def _log(self, path: Path, radius: float) -> SensorLog:
-        """Return the decoded recording; decoding takes two thirds of the time of a pass."""
-        from adk_ros.api.recording import read_log
-        from adk_ros.mismatch.recording.sensor_log_file import load_sensor_log, save_sensor_log
+    def _kept(self) -> Path:
+        """Return the file of the decoded recording; decoding takes two thirds of a pass."""
+        read_with = [self.without_imu, self._wheel_radius(), asdict(self.options), code_digest()]
+        return Path(self.logs) / f"{hash_of([self.content, *read_with])}.npz"
 
-        kept = None
-        if self.logs:
-            read_with = [self.without_imu, radius, asdict(self.options), code_digest()]
-            kept = Path(self.logs) / f"{hash_of([file_hash(str(path)), *read_with])}.npz"
-            # Whatever a crash or another version left there, the recording can be decoded.
-            with suppress(DataError):
-                return load_sensor_log(kept)
-        log = read_log(path, self.options, needs_imu=not self.without_imu, wheel_radius=radius)
-        if kept is not None:
-            with suppress(OSError):
-                save_sensor_log(log, kept)
-        return log
+    def _identified(self) -> FleetSimulation:
+        return _simulation(self.simulation, file_hash(self.simulation))
+
+    def _wheel_radius(self) -> float:
+        from adk_ros.mismatch.library.surrogate_parameters import INDEX
+
+        return float(self._identified().surrogate.parameters[INDEX["wheel_radius"]])
 
 
 @lru_cache(maxsize=1)

@@ -30,8 +30,10 @@ from adk_ros.fleet.inference.evidence import RECORDING, Columns, Row
 from adk_ros.fleet.inference.linearisation_point import rounded_values
 from adk_ros.fleet.inference.place_evidence import Cell
 from adk_ros.fleet.inference.recording_evidence import PlacedValue
-from adk_ros.fleet.recordings import FleetRecording
+from adk_ros.fleet.recording_work import run_on_recording
+from adk_ros.fleet.recordings import FleetRecording, find_recordings
 from adk_ros.fleet.stage import StageVersion, version_of
+from adk_ros.fleet.store import file_system
 from adk_ros.fleet.tags import Tags
 from adk_ros.mismatch.recording.sensor_log import SensorLog
 
@@ -52,17 +54,20 @@ def test_a_recording_is_linearised_at_its_own_values(tmp_path: Path) -> None:
     assert read_point("", "b") == ({}, [])
 
 
+def a_log() -> SensorLog:
+    times, three, two = np.zeros(3), np.zeros((3, 3)), np.zeros((3, 2))
+    return SensorLog("drive", 1.0, times, three, times, three, three, times, two)
+
+
 def test_a_recording_is_decoded_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     bag, logs = tmp_path / "drive.mcap", tmp_path / "logs"
     bag.write_bytes(b"drive")
     logs.mkdir()
     decoded: list[Path] = []
-    times, three, two = np.zeros(3), np.zeros((3, 3)), np.zeros((3, 2))
-    whole = SensorLog("drive", 1.0, times, three, times, three, three, times, two)
 
     def read_log(path: Path, *_: object, **__: object) -> SensorLog:
         decoded.append(path)
-        return whole
+        return a_log()
 
     def evidence_rows(log: SensorLog, *_: object, **__: object) -> list[Row]:
         assert (log.name, log.imu.shape) == ("drive", (3, 3))
@@ -74,20 +79,45 @@ def test_a_recording_is_decoded_once(tmp_path: Path, monkeypatch: pytest.MonkeyP
     monkeypatch.setattr("adk_ros.fleet.inference.recording_evidence.evidence_rows", evidence_rows)
     stage = EvidenceStage("", logs=str(logs))
     assert stage.inputs_hash == EvidenceStage("").inputs_hash
-    rows = [stage.run(bag, "a") for _ in range(2)]
+    (recording,) = find_recordings([str(bag)])
+    rows = [run_on_recording(stage, recording, (), "1") for _ in range(2)]
     assert rows[0] == rows[1]
     assert decoded == [bag]
-    # Another content, other options, a file that is cut off: decoded again.
+    # A file that is cut off, other options, another content: decoded again.
     (kept,) = logs.iterdir()
     kept.write_bytes(kept.read_bytes()[:50])
-    stage.run(bag, "a")
-    replace(stage, without_imu=True).run(bag, "a")
-    bag.write_bytes(b"other")
-    stage.run(bag, "a")
+    run_on_recording(stage, recording, (), "1")
+    run_on_recording(replace(stage, without_imu=True), recording, (), "1")
+    run_on_recording(stage, recording, (), "2")
     assert len(decoded) == 4
-    replace(stage, logs="").run(bag, "a")
-    replace(stage, logs=str(tmp_path / "none")).run(bag, "a")
-    assert len(decoded) == 6
+    for nowhere in ("", str(tmp_path / "none")):
+        run_on_recording(replace(stage, logs=nowhere), recording, (), "1")
+    run_on_recording(stage, recording)
+    assert len(decoded) == 7
+    bag.write_bytes(b"while it is read")
+    with pytest.raises(UsageError, match="has changed while it was read"):
+        run_on_recording(stage, recording, (), "1")
+
+
+def test_what_is_decoded_is_not_copied_from_a_store_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    memory, _ = file_system("memory://kept")
+    memory.pipe("/kept/a.mcap", b"drive")
+    (recording,) = find_recordings(["memory://kept"])
+    copied: list[str] = []
+
+    def copy(system: object, name: str, target: Path) -> None:
+        copied.append(name)
+        target.write_bytes(b"drive")
+
+    monkeypatch.setattr("adk_ros.fleet.recordings._copy_file", copy)
+    monkeypatch.setattr("adk_ros.api.recording.read_log", lambda *_, **__: a_log())
+    monkeypatch.setattr(EvidenceStage, "_rows", lambda *_: [])
+    monkeypatch.setattr(EvidenceStage, "_wheel_radius", lambda *_: 0.3)
+    for _ in range(3):
+        run_on_recording(EvidenceStage("", logs=str(tmp_path)), recording, (), "1")
+    assert copied == ["/kept/a.mcap"]
 
 
 def test_another_point_is_another_result(tmp_path: Path) -> None:
