@@ -154,12 +154,14 @@ class Candidates:
         `excess` (r,): of the model; then only those that save about enough of it.
         """
         out = []
-        saved = None if excess is None else SavedLoss.of(self.fleet, model, self.designs, excess)
+        required = None if excess is None else self.required(excess)
+        saved = None
+        if required is not None:
+            saved = SavedLoss.of(self.fleet, model, self.designs, required)
         for effect in self.observable:
             which = np.ones(len(self.levels), dtype=bool)
-            if saved is not None and excess is not None:
-                least = _LEAST_SAVED * self.required(excess)
-                which = saved.exceeds(effect, least)
+            if saved is not None and required is not None:
+                which = saved.exceeds(effect, _LEAST_SAVED * required)
             if not which.any():
                 continue
             gains = np.where(which, self.gains(model, effect), -1.0)
@@ -198,8 +200,8 @@ class Candidates:
         Whether a candidate saves enough of the loss where it acts to be no accident.
 
         Enough is a share of what is unexplained, and one of what was unexplained before any
-        claim, of which every equation leaves a part; together in the half of the recordings that
-        are explained best. What acts in all recordings must also save `MIN_SHARED_GAIN`.
+        claim, of which every equation leaves a part; together in the half of the recordings of
+        which that is least. What acts in all recordings must also save `MIN_SHARED_GAIN`.
 
         `excess` (r,): of `remaining_excess` of the model, if it is known.
         """
@@ -217,14 +219,15 @@ class Candidates:
         ]
         if not similar:
             return True
-        counted = best_half(excess, candidate.design)
+        counted = best_half(self.required(excess), candidate.design)
         explained = explained_by(self.fleet, model, similar)[counted].sum()
         return float((excess - left)[counted].sum()) >= MIN_SHARED_GAIN * float(explained)
 
     def saves_enough(self, excess: FloatArray, left: FloatArray, design: FloatArray) -> bool:
         """Whether the loss falls enough where a design acts, from `excess` to `left` (r,)."""
-        counted = best_half(excess, design)
-        return float((excess - left - self.required(excess))[counted].sum()) >= 0.0
+        required = self.required(excess)
+        counted = best_half(required, design)
+        return float((excess - left - required)[counted].sum()) >= 0.0
 
     def required(self, excess: FloatArray) -> FloatArray:
         """Return the loss (r,) that a candidate must save in each recording."""

@@ -46,12 +46,12 @@ class SavedLoss:
 
     @classmethod
     def of(
-        cls, fleet: FleetEvidence, model: FleetModel, designs: FloatArray, excess: FloatArray
+        cls, fleet: FleetEvidence, model: FleetModel, designs: FloatArray, required: FloatArray
     ) -> SavedLoss:
         """
         Return what the claims of `model` leave, as `remaining_excess` counts it.
 
-        `designs` (levels, r) of the levels, `excess` (r,): the loss that is left, of which
+        `designs` (levels, r) of the levels, `required` (r,): the loss that must be saved, of which
         `best_half` says which recordings count.
         """
         k = fleet.columns.first_effect
@@ -64,7 +64,7 @@ class SavedLoss:
         inner = np.where(both, inner, np.eye(k))
         followed = np.swapaxes(across, 1, 2) @ np.linalg.solve(inner, across)
         curvature = fleet.informations[:, k:, k:] - followed
-        counted = np.array([best_half(excess, design) for design in designs]).astype(float)
+        counted = np.array([best_half(required, design) for design in designs]).astype(float)
         claimed = np.array([c.effect for c in model.claimed], dtype=np.int64)
         z = np.array([c.design for c in model.claimed]).reshape(len(claimed), len(x))
         among = curvature[:, claimed][:, :, claimed] * z.T[:, :, None] * z.T[:, None]
@@ -101,12 +101,12 @@ def _quotient(g: FloatArray, h: FloatArray) -> FloatArray:
     return np.asarray(np.where(h > 0.0, g**2 / np.where(h > 0.0, h, 1.0), 0.0))
 
 
-def best_half(excess: FloatArray, design: FloatArray) -> BoolArray:
+def best_half(required: FloatArray, design: FloatArray) -> BoolArray:
     """
     Return which recordings (r,) say whether an effect saves enough of their loss.
 
-    Of those in which it acts, the half with the least excess loss (r,): where much else is
-    unexplained, nothing can be said.
+    Of those in which it acts, the half in which least is `required` (r,): where much else acts, or
+    is unexplained, nothing can be said.
     """
     acts = design > 0.0
-    return np.asarray(acts & (excess <= np.median(excess[acts])))
+    return np.asarray(acts & (required <= np.median(required[acts])))

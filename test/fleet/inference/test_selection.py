@@ -187,3 +187,26 @@ def test_false_alarms_power_and_coverage() -> None:
     assert found.with_false_alarm <= 2
     assert found.found >= 9
     assert found.covered >= 0.7 * found.found
+
+
+def test_an_effect_of_all_cars_need_not_explain_what_the_faults_of_some_do() -> None:
+    """Two of six cars have a fault beside which little is exact; the others decide."""
+    plan = FleetPlan(
+        recordings=60,
+        effects=7,
+        bias=0.0,
+        deviation=0.3,
+        injections=(
+            Injection("aero_drag.cda", Level(SHARED), 2.5),
+            Injection("front_tyre_stiffness.scale", Level(CAR, car="car02"), 500.0),
+            Injection("front_tyre_stiffness.scale", Level(CAR, car="car05"), -500.0),
+        ),
+    )
+    fleet = draw_fleet(3, plan)
+    selection = Selection(fleet)
+    drag, *faults = (
+        Candidate(fleet.columns.effects.index(one.key), one.level, one.level.design(fleet))
+        for one in plan.injections
+    )
+    model = selection.refitted(FleetModel(tuple(faults), {}))
+    assert selection.explains(model, selection.assess(model, drag))

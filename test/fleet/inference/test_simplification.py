@@ -33,7 +33,7 @@ DRAG, ROLLING, WIND = "aero_drag.cda", "rolling_resistance.crr", "crosswind.wind
 
 
 def test_a_claim_that_saves_nothing_next_to_the_others_is_dropped() -> None:
-    drag = Injection("aero_drag.cda", Level(SHARED), 12.0)
+    drag = Injection("aero_drag.cda", Level(SHARED), 30.0)
     fleet = draw_fleet(3, FleetPlan(effects=6, bias=0.0, deviation=0.3, injections=(drag,)))
     selection = Selection(fleet)
     needless = Level(CAR, car="car02")
