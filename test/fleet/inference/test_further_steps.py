@@ -268,3 +268,31 @@ def test_what_explained_nothing_next_to_a_claim_without_effect_returns(
     found = fleet_estimate._selected(selection)
     assert claimed(fleet, dropped[0]) == {(WIND, "all cars"), (max(SOFTER), "all cars")}
     assert claimed(fleet, found) == {(key, "all cars") for key in SOFTER}
+
+
+def test_what_a_fault_leaves_is_no_difference_between_recordings() -> None:
+    """A large fault is not exact: another effect of its car seems to differ by what it leaves."""
+    tyre, drag = "front_tyre_stiffness.scale", "aero_drag.cda"
+    growing = Injection(tyre, Level(RAMP, car="car05"), -60.0)
+    shared = Injection(drag, Level(SHARED), 5.0)
+    plan = FleetPlan(
+        cars=8, recordings=48, effects=7, bias=0.0, deviation=0.3, injections=(growing, shared)
+    )
+    fleet = draw_fleet(7, plan)
+    # What is not exact looks like drag, in both directions.
+    column = fleet.columns.first_effect + fleet.columns.effects.index(drag)
+    left = np.array([8.0 if car == "car05" else 0.0 for car in fleet.cars])
+    left *= np.where(np.arange(len(left)) % 2, 1.0, -1.0)
+    fleet = replace(fleet, scores=fleet.scores + fleet.informations[:, :, column] * left[:, None])
+    selection = Selection(fleet)
+    levels = (Level(SHARED), Level(RAMP, car="car05"))
+    claims = tuple(
+        Candidate(fleet.columns.effects.index(key), level, level.design(fleet))
+        for key, level in zip((drag, tyre), levels, strict=True)
+    )
+    model = selection.refitted(FleetModel(claims, {}))
+    tau, _ = model.components[claims[0].effect]
+    assert tau < 0.5
+    found = selection.assessed(model)[0]
+    assert found.size == pytest.approx(5.0, abs=1.5)
+    assert found.deviation < 0.5
