@@ -79,26 +79,30 @@ class EvidenceStage:
 
         if not (self.logs and self.content):
             return None
+        simulation = self._identified()
         # Whatever a crash or another version left there, the recording can be decoded.
         try:
-            log = load_sensor_log(self._kept())
+            log = load_sensor_log(self._kept(simulation))
         except DataError:
             return None
-        return self._rows(log, recording)
+        return self._rows(log, simulation, recording)
 
     def run(self, path: Path, recording: str) -> list[dict[str, Any]]:
         """Return the rows of the recording of this name."""
         from adk_ros.api.recording import read_log
         from adk_ros.mismatch.recording.sensor_log_file import save_sensor_log
 
-        needs_imu, radius = not self.without_imu, self._wheel_radius()
+        simulation, needs_imu = self._identified(), not self.without_imu
+        radius = _wheel_radius(simulation)
         log = read_log(path, self.options, needs_imu=needs_imu, wheel_radius=radius)
         if self.logs and self.content:
             with suppress(OSError):
-                save_sensor_log(log, self._kept())
-        return self._rows(log, recording)
+                save_sensor_log(log, self._kept(simulation))
+        return self._rows(log, simulation, recording)
 
-    def _rows(self, log: SensorLog, recording: str) -> list[dict[str, Any]]:
+    def _rows(
+        self, log: SensorLog, simulation: FleetSimulation, recording: str
+    ) -> list[dict[str, Any]]:
         from adk_ros.fleet.inference.evidence import RECORDING
         from adk_ros.fleet.inference.recording_evidence import evidence_rows
 
@@ -110,21 +114,23 @@ class EvidenceStage:
                 "value": row["loss_ratio"] if row["kind"] == RECORDING else None,
                 "details": evidence_text(row),
             }
-            for row in evidence_rows(log, self._identified(), values, local, name=recording)
+            for row in evidence_rows(log, simulation, values, local, name=recording)
         ]
 
-    def _kept(self) -> Path:
+    def _kept(self, simulation: FleetSimulation) -> Path:
         """Return the file of the decoded recording; decoding takes two thirds of a pass."""
-        read_with = [self.without_imu, self._wheel_radius(), asdict(self.options), code_digest()]
+        radius = _wheel_radius(simulation)
+        read_with = [self.without_imu, radius, asdict(self.options), code_digest()]
         return Path(self.logs) / f"{hash_of([self.content, *read_with])}.npz"
 
     def _identified(self) -> FleetSimulation:
         return _simulation(self.simulation, file_hash(self.simulation))
 
-    def _wheel_radius(self) -> float:
-        from adk_ros.mismatch.library.surrogate_parameters import INDEX
 
-        return float(self._identified().surrogate.parameters[INDEX["wheel_radius"]])
+def _wheel_radius(simulation: FleetSimulation) -> float:
+    from adk_ros.mismatch.library.surrogate_parameters import INDEX
+
+    return float(simulation.surrogate.parameters[INDEX["wheel_radius"]])
 
 
 @lru_cache(maxsize=1)

@@ -91,9 +91,9 @@ def analyse_fleet(
     """
     fleet = _Passes(evidence_at, simulation, tags_of, progress)
     estimate = fleet.estimated(0)
-    for turn in range(1, fleet.passes + 1):
-        further = fleet.with_nonlinear_candidates(estimate, turn)
-        if turn == fleet.passes or fleet.is_settled(further, turn):
+    for turn in range(1, fleet.passes):
+        further = fleet.with_nonlinear_candidates(estimate)
+        if fleet.is_settled(further, turn):
             # What is only tried at its size is no claim.
             break
         estimate = fleet.estimated(turn, fleet.linearised_at(further, turn))
@@ -160,9 +160,9 @@ class _Passes:
         rows = [self._simulation, *self.linearised.every_row()]
         return estimate.of_fleet(FleetEvidence.of(rows, self._tags))
 
-    def with_nonlinear_candidates(self, estimate: FleetEstimate, turn: int) -> FleetEstimate:
+    def with_nonlinear_candidates(self, estimate: FleetEstimate) -> FleetEstimate:
         """Return the estimate with what is to be tried at its size in the next pass."""
-        if turn == self.passes or self._late:
+        if self._late:
             return estimate
         rows = self.linearised.usable(self._active)
         return self._nonlinear.added(estimate, rows, self._evidence_at)

@@ -49,6 +49,7 @@ may be among them. By choice.
 _FREEDOMS = (1.0, 200.0)
 """Range of the degrees of freedom of a tail, from that of Cauchy to a nearly normal one."""
 _PRIOR_RATE = 0.1
+"""Rate of the prior of a tail (`tail_of`)."""
 _NULL_ROUNDS = 50
 """Rounds in which the two parts of that error are fitted in turn, until neither changes."""
 
@@ -131,10 +132,8 @@ def tail_of(tests: Sequence[CellTest]) -> float:
     return float(np.exp(minimize_scalar(cost, bounds=(low, high), method="bounded").x))
 
 
-def p_value(test: CellTest, tail: float = np.inf) -> float:
-    """Return the p-value of a size; `tail`: most degrees of freedom (`tail_of`)."""
-    freedom = min(test.freedom, tail)
-    return 2.0 * float(stdtr(freedom, -abs(test.size) / np.sqrt(test.variance)))
+def p_value(test: CellTest) -> float:
+    return 2.0 * float(stdtr(test.freedom, -abs(test.size) / np.sqrt(test.variance)))
 
 
 def is_claimable(key: str, test: CellTest) -> bool:

@@ -48,7 +48,8 @@ Candidates that are tried as the first of two, the likeliest ones, among as many
 gains. By choice.
 """
 _LEAST_CARS = 3
-"""Cars without a fault that say how effects differ between cars, least."""
+"""Cars without a fault that say how effects differ between cars, least: as `MIN_RECORDINGS`, two
+determine no scatter among them and a size."""
 _MOST_DROPS = 2
 """Times that a claim may be dropped until it is no candidate any more; ends the selection."""
 

@@ -114,7 +114,8 @@ def test_what_is_decoded_is_not_copied_from_a_store_again(
     monkeypatch.setattr("adk_ros.fleet.recordings._copy_file", copy)
     monkeypatch.setattr("adk_ros.api.recording.read_log", lambda *_, **__: a_log())
     monkeypatch.setattr(EvidenceStage, "_rows", lambda *_: [])
-    monkeypatch.setattr(EvidenceStage, "_wheel_radius", lambda *_: 0.3)
+    monkeypatch.setattr(EvidenceStage, "_identified", lambda _: None)
+    monkeypatch.setattr("adk_ros.api.fleet.evidence_stage._wheel_radius", lambda _: 0.3)
     for _ in range(3):
         run_on_recording(EvidenceStage("", logs=str(tmp_path)), recording, (), "1")
     assert copied == ["/kept/a.mcap"]
