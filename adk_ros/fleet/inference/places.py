@@ -61,7 +61,7 @@ def select_places(
 
 
 class _PlaceSearch:
-    """A search with the scores that earlier finds leave."""
+    """A search at one level of significance."""
 
     def __init__(self, data: PlaceData, significance: float) -> None:
         self._cells, self._keys, self._names = data.cells, data.keys, data.names
