@@ -18,6 +18,7 @@ from adk_ros.signals.score import (
     DIVERGED,
     HORIZON_STEPS,
     TICK_S,
+    WHITE_NOISE_VARIANCE_ERROR,
     ErrorTable,
     best_naive,
     imu_integration,
@@ -28,6 +29,7 @@ from adk_ros.signals.score import (
     reference_noise,
     scorable_rows,
     score,
+    white_noise,
 )
 
 
@@ -252,6 +254,14 @@ def test_reference_noise_recovers_a_known_standard_deviation() -> None:
     record.x_ref[::400] += 3.0
     record.x_ref[1000:1100] = np.nan
     np.testing.assert_allclose(reference_noise(record), sigma, rtol=0.1)
+
+
+def test_the_variance_of_the_noise_is_as_uncertain_as_stated() -> None:
+    samples, trials = 4000, 2000
+    random = np.random.default_rng(0)
+    variances = white_noise(random.standard_normal((samples, trials))) ** 2
+    # 2000 trials know a variance to 3 %.
+    assert samples * variances.var() == pytest.approx(WHITE_NOISE_VARIANCE_ERROR, rel=0.1)
 
 
 def test_reference_noise_of_too_few_samples() -> None:

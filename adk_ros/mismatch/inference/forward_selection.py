@@ -76,6 +76,7 @@ def select_effects(
     null = likelihood.fit([], budget=NULL_HYPOTHESIS)
     assert null.fit is not None
     path.expected_loss = likelihood.expected_loss(null.fit.residuals)
+    path.noise_loss_variance = likelihood.noise_loss_variance()
     path.null_excess_loss = max(null.loss - path.expected_loss, 0.0)
     by_direction = likelihood.losses_by_direction(null.fit.residuals)
     by_direction -= likelihood.expected_by_direction(null.fit.residuals)

@@ -130,6 +130,10 @@ class JointLikelihood(Likelihood):
         """Return the bins (b,) after the part of each recording that counts."""
         return np.concatenate([part.held_out_bins() for part in self.parts])
 
+    def noise_loss_variance(self) -> float:
+        """Return the variance that the errors of the estimated noise add to the loss."""
+        return float(sum(part.noise_loss_variance() for part in self.parts))
+
     def surrogate_error_by_channel(self) -> FloatArray:
         """Return the number of residuals (6,) that the surrogate's own error accounts for."""
         return np.asarray(sum(part.surrogate_error_by_channel() for part in self.parts))

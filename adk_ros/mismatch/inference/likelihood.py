@@ -33,6 +33,7 @@ from adk_ros.mismatch.inference.whitening import prediction_error_filters
 from adk_ros.mismatch.library.catalogue import effects_of
 from adk_ros.mismatch.library.criteria import SETTLING_S
 from adk_ros.mismatch.library.effect import Effect
+from adk_ros.mismatch.recording.sensor_log import MIN_SENSOR_NOISE
 from adk_ros.mismatch.surrogate.error_autocovariance import MAX_LAG
 from adk_ros.mismatch.surrogate.identification import SurrogateModel
 from adk_ros.mismatch.surrogate.measured_slopes import slope_error_autocovariance
@@ -52,6 +53,7 @@ from adk_ros.numerics.levenberg_marquardt import (
     huber_values,
     minimise,
 )
+from adk_ros.signals.score import WHITE_NOISE_VARIANCE_ERROR
 
 _SEGMENT_END_STEP_M = 1.0
 _ONSET_STEP_S = 0.1
@@ -140,6 +142,19 @@ class Likelihood:
         twice as large as in the simulation. `share`: of the data from which the residuals come.
         """
         return float(np.count_nonzero(residuals) + share * self.surrogate_error_dof())
+
+    def noise_loss_variance(self) -> float:
+        """
+        Return the variance that the error of the estimated noise adds to a perfect model's loss.
+
+        A relative error e of the noise variance of a channel changes its loss by n e, of n counted
+        residuals whose variance is noise; the sensor's N samples determine it to
+        `WHITE_NOISE_VARIANCE_ERROR` / N. Noise at its minimum is not estimated.
+        """
+        counted = np.count_nonzero(self.weights, axis=1) * (1.0 - self.surrogate_error_share)
+        counted[self.problem.sigma <= MIN_SENSOR_NOISE] = 0.0
+        samples = np.maximum(self.problem.counts.sum(axis=1), 1.0)
+        return float(np.sum(WHITE_NOISE_VARIANCE_ERROR * counted**2 / samples))
 
     def surrogate_error_dof(self) -> float:
         """Return the number of residuals that the surrogate's own error accounts for."""

@@ -103,6 +103,7 @@ def more_driving(
         longer = replace(
             path,
             expected_loss=k * path.expected_loss,
+            noise_loss_variance=k * path.noise_loss_variance,
             null_excess_loss=k * path.null_excess_loss,
             surrogate_error_dof=k * path.surrogate_error_dof,
         )

@@ -59,6 +59,8 @@ class SelectionPath:
     profiles: list[SpatialProfile] = field(default_factory=list)
     expected_loss: float = 0.0
     """Loss of a perfect model."""
+    noise_loss_variance: float = 0.0
+    """Variance that the error of the estimated noise adds to it."""
     null_excess_loss: float = 0.0
     """Excess loss before any effect."""
     null_excess_by_direction: FloatArray | None = None
@@ -184,8 +186,8 @@ def _required_gain(
     before: Hypothesis, path: SelectionPath, null_excess: float
 ) -> Callable[..., float]:
     """Return the least gain as a function of the constants that apply (`_constants`)."""
-    # The loss of n Gaussian residuals is a chi-square: mean n, variance 2 n.
-    chance = QUANTILE_90 * math.sqrt(2.0 * path.expected_loss)
+    # The loss of n Gaussian residuals is a chi-square: mean n, variance 2 n with known noise.
+    chance = QUANTILE_90 * math.sqrt(2.0 * path.expected_loss + path.noise_loss_variance)
     excess = max(before.loss - path.expected_loss - chance, 0.0)
 
     def required(least: float, share: float, per_excess: float, per_null: float) -> float:

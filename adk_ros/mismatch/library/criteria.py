@@ -87,11 +87,13 @@ Loss that each onset or segment boundary must gain in addition, since it was sea
 largest of n independent chi-squares exceeds one of them by about 2 ln(n), which is 8 for n = 55,
 the blocks (`inference.block_scores.BLOCK_S`) of four and a half minutes.
 """
-MIN_FIRST_GAIN = 16.0
+MIN_FIRST_GAIN = 11.0
 """
-Least penalised gain in loss of a first effect. In white noise, chance exceeds a chi-square of 24
-anywhere among some 1300 effects, onsets and places in one of a thousand recordings: no false alarm
-is expected in a hundred. `PENALTY_PER_PARAMETER` is subtracted from a gain. For what whitening
+Least penalised gain in loss of a first effect. In white noise, chance exceeds it in one of a
+thousand recordings, so that no false alarm is expected in a hundred: a chi-square of 19, with
+`PENALTY_PER_PARAMETER`, among some 40 parameters of effects that act throughout (5e-4), of 27,
+with `PENALTY_PER_LOCATION`, among 1000 pairs of effect and onset (2e-4), or of 35 among 450 places
+(1e-6). Neighbouring onsets are correlated, so that this is an upper estimate. For what whitening
 leaves correlated nothing is added: in 375 clean cases (`adk bench concealed --own`, seeds 6, 7, 9
 and a part of 8), absent effects gain at most 3 where the surrogate error does not require more; in
 the 18 of `--calibrate`, 0.07 of the 26 that were required then.
@@ -238,8 +240,8 @@ two.
 """
 DOWNWEIGHTED_FALSE_ALARM = 0.05
 """
-Probability that chance has as many seconds with downweighted residuals: the rate of false alarms
-that the decision allows over all effects. Convention.
+Probability that chance has as many seconds in episodes: the rate of false alarms that the decision
+allows over all effects. Convention.
 """
 ACCIDENTAL_SECONDS = 1.0
 """
@@ -276,8 +278,8 @@ chance. Convention; Bonferroni's inequality divides it by their number.
 """
 MAX_EXCESS_PER_NOISE = 0.04
 """
-Nothing is unexplained where the excess loss is below this share of a perfect model's loss.
-Calibrated.
+Effects leave nothing unexplained where the excess loss is below this share of a perfect model's
+loss; without effects, only a formula that gains enough is missing. Calibrated.
 """
 MAX_EXCESS_PER_NULL_EXCESS = 0.06
 """The same, as a share of the excess loss before any effect. Calibrated."""

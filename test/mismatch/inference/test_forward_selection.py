@@ -23,7 +23,11 @@ from adk_ros.mismatch.inference.selection_path import (
     min_required_gain,
 )
 from adk_ros.mismatch.library.catalogue import COMMON_CAUSES, EFFECTS
-from adk_ros.mismatch.library.criteria import MIN_FIRST_GAIN, MIN_GAIN_PER_EXCESS
+from adk_ros.mismatch.library.criteria import (
+    MIN_FIRST_GAIN,
+    MIN_GAIN_PER_EXCESS,
+    PENALTY_PER_PARAMETER,
+)
 from adk_ros.mismatch.library.effect import Effect
 from adk_ros.mismatch.library.search_limits import MAX_REFITS
 from adk_ros.numerics.arrays import FloatArray
@@ -90,7 +94,8 @@ def test_an_accident_of_a_few_blocks_comes_after_what_is_significant(
     found = kept(monkeypatch, level, "rotating_inertia")
     assert found == ["cg_shift", "rotating_inertia"]
     # Nor does a significant one that gains too little come before one that gains enough.
-    weak = [single("rotating_inertia", 100.0), single("cg_shift", 280.0)]
+    too_little = MIN_FIRST_GAIN + PENALTY_PER_PARAMETER - 1.0
+    weak = [single("rotating_inertia", 100.0), single("cg_shift", 300.0 - too_little)]
     assert kept(monkeypatch, weak, "rotating_inertia") == ["rotating_inertia", "cg_shift"]
 
 
@@ -118,6 +123,14 @@ def test_what_chance_leaves_unexplained_requires_nothing(excess: float, required
     """One in twenty perfect models has an excess loss of 1.645 standard deviations, 329."""
     null = Hypothesis((), np.zeros(0), EXPECTED_LOSS + excess)
     assert min_required_gain(null, path()) == pytest.approx(required, rel=1e-3)
+
+
+def test_chance_includes_the_estimate_of_the_noise() -> None:
+    """With as much variance again, sqrt(2) times as much is within chance: 465."""
+    null = Hypothesis((), np.zeros(0), EXPECTED_LOSS + 1465.0)
+    uncertain = replace(path(), noise_loss_variance=2.0 * EXPECTED_LOSS)
+    required = min_required_gain(null, uncertain)
+    assert required == pytest.approx(1000.0 * MIN_GAIN_PER_EXCESS, rel=1e-3)
 
 
 def test_a_further_effect_at_its_bound_does_not_speak_against_the_first() -> None:

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -14,8 +15,10 @@ from adk_ros.mismatch.inference.joint_likelihood import JointLikelihood
 from adk_ros.mismatch.inference.likelihood import Likelihood
 from adk_ros.mismatch.inference.nuisances import N_FIXED_NUISANCES, TOLERANCE_PARAMETERS
 from adk_ros.mismatch.library.surrogate_parameters import INDEX, SIZE
+from adk_ros.mismatch.recording.sensor_log import MIN_SENSOR_NOISE
 from adk_ros.mismatch.surrogate.identification import SurrogateModel
 from adk_ros.mismatch.surrogate.joined_problem import JoinedProblem
+from adk_ros.signals.score import WHITE_NOISE_VARIANCE_ERROR, white_noise
 
 WEAK = np.zeros((1, SIZE))
 WEAK[0, INDEX["stiffness_f"]] = 0.5
@@ -52,6 +55,33 @@ def test_residuals_are_those_of_each_recording() -> None:
     np.testing.assert_array_equal(channels_of(whole, none), np.concatenate(each, axis=1))
     dof = sum(part.surrogate_error_dof() for part in whole.parts)
     assert whole.surrogate_error_dof() == pytest.approx(dof)
+    variance = sum(part.noise_loss_variance() for part in whole.parts)
+    assert whole.noise_loss_variance() == pytest.approx(variance)
+
+
+def test_the_loss_of_a_perfect_model_is_as_uncertain_as_the_noise() -> None:
+    """With a relative error e of its noise variance, a channel's loss changes by n e."""
+    part = joint().parts[0]
+    counted = np.count_nonzero(part.weights, axis=1) * (1.0 - part.surrogate_error_share)
+    samples = part.problem.counts.sum(axis=1)
+    estimated = part.problem.sigma > MIN_SENSOR_NOISE
+    deviations = np.sqrt(WHITE_NOISE_VARIANCE_ERROR / samples) * estimated
+    assert part.noise_loss_variance() == pytest.approx(np.sum((counted * deviations) ** 2))
+    known = replace(part, problem=replace(part.problem, sigma=MIN_SENSOR_NOISE))
+    assert known.noise_loss_variance() == 0.0
+
+
+@pytest.mark.parametrize("samples_per_bin", [2, 4])
+def test_the_spread_of_losses_over_estimated_noise(samples_per_bin: int) -> None:
+    """Of n bins: 2 n with known noise, and 9.1 n over the samples of a bin by its estimate."""
+    bins, trials = 1000, 1500
+    random = np.random.default_rng(1)
+    samples = random.standard_normal((bins * samples_per_bin, trials))
+    sigma = white_noise(samples)
+    means = samples.reshape(bins, samples_per_bin, trials).mean(axis=1)
+    losses = samples_per_bin * np.sum(means**2, axis=0) / sigma**2
+    expected = 2.0 + WHITE_NOISE_VARIANCE_ERROR / samples_per_bin
+    assert losses.var() / bins == pytest.approx(expected, rel=0.15)
 
 
 def test_each_recording_has_a_training_part() -> None:
