@@ -9,7 +9,7 @@ from dataclasses import replace
 
 from adk_ros.mismatch.deployment.held_out import Evidence
 from adk_ros.mismatch.fitted_tolerances import with_fitted_tolerances
-from adk_ros.mismatch.inference.confirmation import confirmed
+from adk_ros.mismatch.inference.confirmation import confirmed, is_formula_confirmed
 from adk_ros.mismatch.inference.corroboration import is_corroborated
 from adk_ros.mismatch.inference.decision import Decision, decide
 from adk_ros.mismatch.inference.downweighted import (
@@ -25,7 +25,7 @@ from adk_ros.mismatch.inference.final_estimate import (
 )
 from adk_ros.mismatch.inference.forward_selection import select_effects
 from adk_ros.mismatch.inference.question import Questioned, answer
-from adk_ros.mismatch.inference.result import MismatchResult
+from adk_ros.mismatch.inference.result import UNKNOWN, MismatchResult
 from adk_ros.mismatch.inputs import Inputs
 from adk_ros.mismatch.library.criteria import HELD_OUT_SHARE
 from adk_ros.mismatch.library.sensitivity import recorded_decisions
@@ -118,6 +118,10 @@ def _decided(
     report(_DECIDED, _TOTAL, "predicting held-out data")
     if not held_out:
         decision = confirmed(decision, training, whole)
+        if decision.excess_is_small and not is_formula_confirmed(
+            decision.hypothesis, path.levels[0][0], training, whole
+        ):
+            decision = nothing_missing(path.levels[0][0])
     evidence = [data.evidence(inputs.completed(log)) for log in held_out]
     evidence = evidence or data.held_out(decision.hypothesis)
 
@@ -134,9 +138,17 @@ def _decided(
     decision = without_places_on_slopes(decision, null, evidence, validated)
     decision = formula_instead(decision)
     if not is_corroborated(decision.hypothesis, training, whole, path.expected_loss):
-        decision, reason = withdrawn(decision, null), _NOT_CORROBORATED
+        decision = withdrawn(decision, null)
+        reason = _NOT_CORROBORATED if nothing_named(decision) else ""
     known = data.observable.adapted(surrogate)
-    rare = episodes_describe_more(training, decision.hypothesis, null, known, data.single_lap)
+    rare = episodes_describe_more(
+        training,
+        decision.hypothesis,
+        null,
+        known,
+        data.single_lap,
+        of_time_only=not decision.excess_is_small,
+    )
     if rare:
         decision = withdrawn(decision, null)
 
@@ -151,8 +163,10 @@ def _decided(
         validation = checked(decision)
     decision = coherent(decision, validation)
     if is_refuted(decision, validation):
-        decision, reason = withdrawn(decision, null), _REFUTED
-        validation = validated(decision)
+        decision = withdrawn(decision, null)
+        validation = checked(decision)
+        decision = coherent(decision, validation)
+        reason = _REFUTED if nothing_named(decision) else ""
     # Without any prediction, the result says that nothing confirms its effects.
     if validation.errors.starts:
         decision = without_improbable(decision, validation.error_ratio)
@@ -162,7 +176,7 @@ def _decided(
     decision = with_confidence(refitted(decision, whole), validation.error_ratio)
     hidden = downweighted_residuals(whole, decision.hypothesis, known, data.single_lap)
     is_rule = hidden is not None and hidden.is_rule
-    episodic = hidden is not None and hidden.is_material and not is_rule
+    episodic = hidden is not None and hidden.describes(decision.verdict == UNKNOWN)
     if (rare or is_rule) and not episodic and nothing_named(decision):
         reason = reason or _UNDESCRIBED
     if reason:

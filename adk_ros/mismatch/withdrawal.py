@@ -60,13 +60,14 @@ def is_refuted(decision: Decision, validation: Validation) -> bool:
 
 def is_contradicted(decision: Decision, validation: Validation) -> bool:
     """
-    Whether held-out errors speak against effects of the vehicle that explain a recording.
+    Whether held-out errors speak against what is claimed of the vehicle and explains a recording.
 
     They do where noise, build tolerance and the surrogate's own error explained every error before
     the correction, and this raises one beyond chance, so that nothing is exported.
     """
     errors, effects = validation.errors, decision.hypothesis.effects
-    if decision.verdict != EXPLAINED or not validation.contradicted:
+    claims = decision.verdict == EXPLAINED or decision.excess_is_small
+    if not claims or not validation.contradicted:
         return False
     if any(active.effect.sensor for active in effects):
         return False
@@ -82,7 +83,13 @@ def nothing_missing(null: Hypothesis) -> Decision:
 
 
 def withdrawn(decision: Decision, null: Hypothesis) -> Decision:
-    """Return the decision that something is unexplained, without effects and formula."""
+    """
+    Return the decision that something is unexplained, without effects and formula.
+
+    That nothing is missing, where all channels together leave no more than noise may.
+    """
+    if decision.excess_is_small:
+        return nothing_missing(null)
     equations = [] if decision.unexplained is None else decision.unexplained.equations
     left = UnexplainedResidual(equations, 1.0, "", "")
     return Decision(UNKNOWN, [], left, null, None)

@@ -249,7 +249,20 @@ def test_effects_that_held_out_data_contradict_are_withdrawn() -> None:
     assert not is_contradicted(explained, replace(fine, contradicted=()))
     of_sensor = hypothesis(effect("rear_tyre_stiffness", 1.05), effect("gyro_scale", 1.1))
     assert not is_contradicted(replace(explained, hypothesis=of_sensor), fine)
-    assert not is_contradicted(replace(explained, verdict=UNKNOWN), fine)
+    unknown = replace(explained, verdict=UNKNOWN)
+    assert not is_contradicted(unknown, fine)
+    # A formula next to which nothing had to be explained is such a claim, too.
+    assert is_contradicted(replace(unknown, excess_is_small=True), fine)
+
+
+def test_nothing_is_missing_where_a_weak_formula_is_withdrawn() -> None:
+    formula = Decision(UNKNOWN, [], None, hypothesis(effect("aero_drag", 1.0)), None)
+    assert withdrawn(formula, hypothesis()).verdict == UNKNOWN
+    weak = withdrawn(replace(formula, excess_is_small=True), hypothesis())
+    assert (weak.verdict, weak.unexplained) == (NONE, None)
+    # Unless the held-out errors show that something is.
+    large = Validation(errors(0.7, 0.7), NOT_EXPORTED, "")
+    assert coherent(weak, large).verdict == UNKNOWN
 
 
 def test_a_withdrawn_claim_is_described_by_the_errors() -> None:

@@ -1,7 +1,7 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Confirmation of each of several effects on held-out data.
+Confirmation of each of several effects, and of a weak formula, on held-out data.
 
 Next to a large effect whose equation is inexact, a small one may fit what is left of the training
 part without being present. Present effects gain on held-out data in proportion to their share of
@@ -45,6 +45,28 @@ def confirmed(decision: Decision, training: Likelihood, whole: Likelihood) -> De
     kept = {(active.effect.name, active.activation.kind) for active in h.effects}
     effects_left = [e for e in decision.effects if (e.effect.name, e.kind) in kept]
     return replace(decision, effects=effects_left, hypothesis=h)
+
+
+def is_formula_confirmed(
+    h: Hypothesis, null: Hypothesis, training: Likelihood, whole: Likelihood
+) -> bool:
+    """
+    Whether a formula gains on held-out data in proportion, as an effect next to others must.
+
+    For one that is claimed where `null`, without it, leaves no more than noise may: the errors of
+    the predictions cannot refute it. True where too little is held out to say.
+    """
+    held_out = training.held_out_bins()
+    counted = (whole.weights > 0.0).any(axis=0)
+    later, earlier = (int(np.count_nonzero(counted & part)) for part in (held_out, ~held_out))
+    bin_s = float(whole.problem.bin_s[1] - whole.problem.bin_s[0])
+    if decided(lambda least_s: min(later, earlier) * bin_s < least_s, MIN_ACTIVE_S=MIN_ACTIVE_S):
+        return True
+    expected = later / earlier * max(null.loss - h.loss, 1.0)
+    gain = _loss(whole, null, held_out) - _loss(whole, h, held_out)
+    return bool(
+        decided(lambda least: gain >= least * expected, MIN_CONFIRMED_SHARE=MIN_CONFIRMED_SHARE)
+    )
 
 
 def _refuted(

@@ -59,7 +59,9 @@ class Decision:
     The verdict with its effects and unmodelled dynamics, and the hypothesis behind them.
 
     `set_aside`: names of effects of the hypothesis that are less probable than not; `formula`: the
-    one that describes the data without any effect, as far as it was sought.
+    one that describes the data without any effect, as far as it was sought. `excess_is_small`:
+    all channels together leave no more than noise may; what is claimed is a formula, without which
+    nothing is missing.
     """
 
     verdict: str
@@ -69,12 +71,15 @@ class Decision:
     unmodelled: UnmodelledDynamics | None
     set_aside: tuple[str, ...] = ()
     formula: UnmodelledDynamics | None = None
+    excess_is_small: bool = False
 
 
 def decide(likelihood: Likelihood, path: SelectionPath) -> Decision:
     """Decide between no mismatch, effects, and unmodelled dynamics."""
     best = best_within_bounds(path)
-    unmodelled, formula = _unmodelled_dynamics(likelihood, path, best)
+    small = _excess_is_small(best, path)
+    hidden = small and not best.effects
+    unmodelled, formula = _unmodelled_dynamics(likelihood, path, best, small)
     if unmodelled is not None:
         best = unmodelled.hypothesis
     elif not best.effects:
@@ -114,7 +119,9 @@ def decide(likelihood: Likelihood, path: SelectionPath) -> Decision:
     ]
     if unmodelled is None:
         return Decision(EXPLAINED, effects, None, final, None, formula=formula)
-    return Decision(UNKNOWN, effects, unmodelled.unexplained(), final, unmodelled)
+    return Decision(
+        UNKNOWN, effects, unmodelled.unexplained(), final, unmodelled, excess_is_small=hidden
+    )
 
 
 def best_within_bounds(path: SelectionPath) -> Hypothesis:
@@ -243,24 +250,36 @@ def _replaces(difference: float) -> bool:
     return bool(decided(lambda least: difference <= -least, REPLACEMENT_LOSS=REPLACEMENT_LOSS))
 
 
+def _excess_is_small(h: Hypothesis, path: SelectionPath) -> bool:
+    """Whether a hypothesis leaves no more, in all channels together, than noise may."""
+    excess = h.loss - path.expected_loss
+    return bool(
+        decided(
+            lambda per_noise, per_null: (
+                excess < per_noise * path.expected_loss
+                or excess < per_null * path.null_excess_loss
+            ),
+            MAX_EXCESS_PER_NOISE=MAX_EXCESS_PER_NOISE,
+            MAX_EXCESS_PER_NULL_EXCESS=MAX_EXCESS_PER_NULL_EXCESS,
+        )
+    )
+
+
 def _unmodelled_dynamics(
-    likelihood: Likelihood, path: SelectionPath, best: Hypothesis
+    likelihood: Likelihood, path: SelectionPath, best: Hypothesis, small: bool
 ) -> tuple[UnmodelledDynamics | None, UnmodelledDynamics | None]:
     """
-    Return the unmodelled dynamics if the excess is material, and the expression without effects.
+    Return the unmodelled dynamics if there are any, and the expression without effects.
+
+    `small`: whether the excess of `best` is (`_excess_is_small`).
 
     Candidates are an expression alone, and an expression in addition to the effects of `best`.
     """
     excess = best.loss - path.expected_loss
-    small = decided(
-        lambda per_noise, per_null: (
-            excess < per_noise * path.expected_loss or excess < per_null * path.null_excess_loss
-        ),
-        MAX_EXCESS_PER_NOISE=MAX_EXCESS_PER_NOISE,
-        MAX_EXCESS_PER_NULL_EXCESS=MAX_EXCESS_PER_NULL_EXCESS,
-    )
     if small and not best.effects:
-        return None, None
+        # What all channels together do not show, a formula may show in one of them.
+        found = _supported_formula(likelihood, path.levels[0][0], path, True)
+        return (found, found) if found.terms else (None, None)
     at_bound = _is_at_bound(best)
     # No expression fits better than one effect that leaves only noise: do not search for it.
     searched = not (small and len(best.effects) == 1 and not at_bound)

@@ -1,7 +1,7 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Episodes of residuals that the robust loss downweights, and whether they are material.
+Episodes of residuals beyond the Huber threshold, and whether they are material.
 
 Seconds with such residuals are compared with what accidents and the surrogate's own error cause.
 Accidents follow a Poisson distribution with a mean of one per recording. With k such seconds on
@@ -18,20 +18,25 @@ from typing import NamedTuple
 import numpy as np
 from scipy.stats import nbinom, poisson
 
-from adk_ros.mismatch.library.criteria import ACCIDENTAL_SECONDS, DOWNWEIGHTED_FALSE_ALARM
+from adk_ros.mismatch.library.criteria import (
+    ACCIDENTAL_SECONDS,
+    DOWNWEIGHTED_FALSE_ALARM,
+    FEATURE_MAJORITY_SHARE,
+)
 
 _MAX_EPISODES_SHARE = 0.5
-"""Share of a recording above which downweighted residuals are the rule, and no episodes."""
+"""Share of a recording above which such residuals are the rule, and no episodes."""
 _JEFFREYS = 0.5
 """Shape of Jeffreys' prior on the rate of a Poisson distribution."""
 
 
 class Episode(NamedTuple):
     """
-    Consecutive residuals beyond the Huber threshold.
+    Consecutive residuals beyond the Huber threshold, alone or together.
 
-    `channel`: that of the largest one, of `size` in SI and `sigmas` standard deviations. `x`, `y`:
-    position there, m; `lap_m`: distance along the lap, None without one.
+    `channel`: that of the largest one, of `size` in SI and `sigmas` standard deviations; if none
+    exceeds the threshold alone, mean and its standard deviations of the channel in which it is
+    largest. `x`, `y`: position there, m; `lap_m`: distance along the lap, None without one.
     """
 
     begin_s: float
@@ -47,12 +52,12 @@ class Episode(NamedTuple):
 @dataclass(frozen=True)
 class Downweighted:
     """
-    Downweighted residuals of a recording; `episodes` by time.
+    Residuals of a recording beyond what noise causes; `episodes` by time.
 
-    `seconds` with such a residual; `simulated`: seconds of the simulation with one; `exposure`:
-    duration of the recordings over that of the simulation; `recordings`: their number.
-    `share`: part of the squared residuals that the robust loss does not count. `equations`: those
-    that it concerns, largest part first.
+    `seconds`: their duration, of each at least one; `simulated`: the same of the simulation;
+    `exposure`: duration of the recordings over that of the simulation; `recordings`: their number.
+    `share`: part of the squared residuals that is in episodes, above that of noise. `equations`:
+    those that it concerns, largest part first.
     """
 
     episodes: tuple[Episode, ...]
@@ -64,16 +69,29 @@ class Downweighted:
     equations: tuple[str, ...]
     counted_s: float = np.inf
     """Seconds of the recordings that count."""
+    share_of_excess: float = 1.0
+    """Part of the squared residuals above those of noise that is in episodes."""
 
     @property
     def share_of_time(self) -> float:
-        """Share of the seconds that count with such a residual."""
+        """Share of the seconds that count which is in episodes."""
         return min(self.seconds / max(self.counted_s, 1.0), 1.0)
 
     @property
     def is_rule(self) -> bool:
-        """Whether more than half of the recording is downweighted: no episodes, but the rule."""
+        """Whether they take more than half of the recording: no episodes, but the rule."""
         return self.share_of_time > _MAX_EPISODES_SHARE
+
+    @property
+    def is_most(self) -> bool:
+        """Whether most of what noise does not cause is in episodes."""
+        return self.share_of_excess > FEATURE_MAJORITY_SHARE
+
+    def describes(self, something_is_unexplained: bool) -> bool:
+        """Whether material episodes say what is unexplained, if something is known to be."""
+        if not self.is_material or self.is_rule:
+            return False
+        return self.is_most or not something_is_unexplained
 
     @property
     def expected(self) -> float:

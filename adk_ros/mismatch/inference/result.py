@@ -288,7 +288,7 @@ class MismatchResult:
     steady_state: SteadyState | None = None
     """Understeer and resistance, measured and simulated on the same inputs."""
     downweighted: Downweighted | None = None
-    """Residuals that the robust loss does not count in full; None if there are none."""
+    """Episodes of residuals beyond what noise causes; None if there are none."""
     agreement: Agreement | None = None
     """The comparison of several recordings; None for one."""
     set_aside: list[str] = field(default_factory=list)

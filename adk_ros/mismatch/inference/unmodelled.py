@@ -192,7 +192,7 @@ def fit_feature_expansion(
         replace(term, gain=gain)
         for term, gain in zip(feature_terms(current.effects), gains, strict=True)
     )
-    share = excess / null_excess_loss if null_excess_loss > 0.0 else 0.0
+    share = excess / null_excess_loss if null_excess_loss > 0.0 else 1.0
     names = ("mass", "yaw_inertia", "wheel_radius")
     body = Body(*(float(likelihood.parameters[INDEX[name]]) for name in names))
     return UnmodelledDynamics(share, terms, current, body)

@@ -246,11 +246,12 @@ def _held_out(errors: HeldOutResult) -> dict[str, Any]:
 
 
 def _downweighted(hidden: Downweighted) -> dict[str, Any]:
-    """Return when and where the robust loss downweights residuals, and in which channel."""
+    """Return the episodes, under the key that they had when only outliers were among them."""
     return {
         "seconds": hidden.seconds,
         "expected_seconds": json_number(hidden.expected),
         "share": json_number(hidden.share),
+        "share_of_excess": json_number(hidden.share_of_excess),
         "material": hidden.is_material,
         "equations": list(hidden.equations),
         "episodes": [

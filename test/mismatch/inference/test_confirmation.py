@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from helpers.mismatch import case
 
-from adk_ros.mismatch.inference.confirmation import confirmed
+from adk_ros.mismatch.inference.confirmation import confirmed, is_formula_confirmed
 from adk_ros.mismatch.inference.decision import Decision
-from adk_ros.mismatch.inference.fit_budget import FINAL
+from adk_ros.mismatch.inference.fit_budget import FINAL, NULL_HYPOTHESIS
 from adk_ros.mismatch.inference.hypothesis import ActiveEffect, Hypothesis
 from adk_ros.mismatch.inference.likelihood import Likelihood
 from adk_ros.mismatch.inference.result import EXPLAINED, IdentifiedEffect
@@ -73,6 +73,21 @@ def test_an_effect_that_gains_nothing_is_dropped() -> None:
 def test_a_single_effect_is_left_to_the_check_of_the_errors() -> None:
     decision = decided(effect("steering_lag", 0.02))
     assert confirmed(decision, *likelihoods()) is decision
+
+
+def test_a_formula_must_gain_on_held_out_data_in_proportion() -> None:
+    """The drag acts throughout, the scale of the gyro in the training part only."""
+    training, whole = likelihoods()
+    null = training.fit([], budget=NULL_HYPOTHESIS)
+    drag, gyro = (
+        training.fit([one], nuisances=null.nuisances, budget=FINAL)
+        for one in (effect("aero_drag", 0.8), effect("gyro_scale", 1.02))
+    )
+    assert null.loss - gyro.loss > 60.0
+    assert is_formula_confirmed(drag, null, training, whole)
+    assert not is_formula_confirmed(gyro, null, training, whole)
+    # With nothing held out, nothing can be said.
+    assert is_formula_confirmed(gyro, null, whole, whole)
 
 
 def test_an_effect_that_does_not_act_later_cannot_be_refuted() -> None:

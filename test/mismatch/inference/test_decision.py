@@ -106,6 +106,29 @@ def test_feature_effects_are_a_type_of_their_own() -> None:
     assert feature_terms([drag, feature]) == (FeatureTerm("v_x", "speed_squared", 0.005, 0.0),)
 
 
+def test_a_formula_is_sought_where_the_loss_of_all_channels_is_that_of_noise(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """300 of 20,000 is within what noise leaves, and five times what a feature must gain."""
+    null = Hypothesis((), np.zeros(0), 20_000.0)
+    path = SelectionPath([[null]], expected_loss=20_000.0)
+    found = [expression(19_700.0, "yaw_rate"), expression(20_000.0)]
+    asked: list[tuple[Any, ...]] = []
+
+    def supported(*arguments: Any) -> UnmodelledDynamics:
+        asked.append(arguments)
+        return found.pop(0)
+
+    monkeypatch.setattr(decision, "_supported_formula", supported)
+    likelihood: Any = None
+    assert decision._excess_is_small(null, path)
+    first, second = found
+    assert decision._unmodelled_dynamics(likelihood, path, null, True) == (first, first)
+    assert decision._unmodelled_dynamics(likelihood, path, null, True) == (None, None)
+    assert asked == [(likelihood, null, path, True)] * 2
+    assert not second.terms
+
+
 def test_one_feature_beats_several_effects() -> None:
     path = SelectionPath(expected_loss=1000.0, null_excess_loss=5000.0)
     pair = effects(1300.0, "rear_wheel_steer", "steering_ratio")

@@ -20,6 +20,7 @@ from adk_ros.mismatch.deployment.surrogate_file import SurrogateFile
 from adk_ros.mismatch.deployment.surrogate_writer import simulation_yaml
 from adk_ros.mismatch.inference.decision import Decision
 from adk_ros.mismatch.inference.downweighted import (
+    _seconds,
     downweighted_residuals,
     episodes_describe_more,
     note_on,
@@ -135,8 +136,25 @@ def test_episodes_have_their_times_channel_and_size() -> None:
     assert hidden.equations == ("v_y",)
     assert 0.0 < hidden.share < 1.0
     assert note_on(hidden)[0].startswith(
-        "residuals beyond 8 standard deviations are downweighted in 6 episodes of 0."
+        "residuals, or means of up to 0.8 s, exceed 8 standard deviations in 6 episodes of 0."
     )
+
+
+@pytest.mark.slow
+def test_weak_pulses_are_episodes_though_no_residual_is_beyond_noise() -> None:
+    """Five standard deviations of a bin, 15 of the mean over 0.4 s."""
+    noise = prepare_residual_problem(case().recording).bin_noise[1]
+    hidden = hidden_by(PULSES_S, 5.0 * noise)
+    assert hidden is not None
+    assert hidden.is_material
+    assert hidden.is_most
+    assert [round(x.begin_s) for x in hidden.episodes] == [round(x) for x in PULSES_S]
+    for episode in hidden.episodes:
+        assert episode.channel == "imu_a_y"
+        assert episode.size == pytest.approx(5.0 * noise, rel=0.5)
+        assert episode.sigmas > 8.0
+        assert 0.1 < episode.end_s - episode.begin_s < 1.0
+    assert hidden.equations == ("v_y",)
 
 
 @pytest.mark.slow
@@ -239,6 +257,26 @@ def test_episodes_rule_out_the_verdict_none() -> None:
     assert with_episodes(explained, material(5)) is explained
 
 
+def test_episodes_describe_what_is_known_to_be_unexplained_if_most_is_in_them() -> None:
+    assert material(5).describes(True)
+    assert not material(4).describes(False)
+    elsewhere = replace(material(5), share_of_excess=0.3)
+    assert elsewhere.describes(False)
+    assert not elsewhere.describes(True)
+    assert not replace(material(5), counted_s=9.0).describes(False)
+
+
+def test_an_episode_takes_at_least_a_second() -> None:
+    beyond = np.zeros((6, 500), dtype=bool)
+    assert _seconds(beyond) == 0
+    beyond[0, 100] = beyond[1, 102] = True
+    assert _seconds(beyond) == 1
+    # Of 1.2 s, and one after more than a second.
+    beyond[3, 100:130] = True
+    beyond[2, 200:220] = True
+    assert _seconds(beyond) == 2 + 1
+
+
 def test_episodes_do_not_replace_a_formula() -> None:
     terms = (FeatureTerm("v_x", "speed", 0.1, 50.0),)
     formula = decision(UNKNOWN, UnexplainedResidual(["v_x"], 0.3, "text", "expression", terms))
@@ -247,6 +285,9 @@ def test_episodes_do_not_replace_a_formula() -> None:
     kept = with_episodes(nothing, material(5), keep_text=True).unexplained
     assert kept is not None
     assert kept.text.endswith("at 35.2 s; a structured residual")
+    elsewhere = replace(material(5), share_of_excess=0.3)
+    assert with_episodes(nothing, elsewhere) is nothing
+    assert with_episodes(decision(NONE), elsewhere).verdict == UNKNOWN
     replaced = with_episodes(nothing, material(5)).unexplained
     assert replaced is not None
     assert replaced.share == 0.3
