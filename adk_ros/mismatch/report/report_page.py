@@ -55,6 +55,7 @@ from adk_ros.mismatch.report.report_tables import (
     error_rows,
     group_rows,
     horizon_rows,
+    judged_model,
     loss_rows,
     surrogate_rows,
     unexplained_rows,
@@ -162,6 +163,9 @@ def write_page(result: MismatchResult, out: Path, *, provenance: Provenance | No
         losses=loss_rows(result),
         error_rows=error_rows(result),
         horizon_rows=[] if held_out is None else horizon_rows(held_out),
+        refused=held_out is not None and held_out.rejected is not None,
+        tolerances_fitted=held_out is not None and held_out.tolerances_fitted,
+        judged_model="" if held_out is None else judged_model(held_out),
         held_out_data="the last part" if held_out is None else held_out.source,
         export=FULL if held_out is None else held_out.export,
         formula_exported=(

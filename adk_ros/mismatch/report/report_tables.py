@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from adk_ros.mismatch.inference.experiment_design import Discriminability
 from adk_ros.mismatch.inference.identifiability import CompetingEffect
 from adk_ros.mismatch.inference.result import (
+    NOT_EXPORTED,
     HeldOutResult,
     IdentifiedEffect,
     MismatchResult,
@@ -175,7 +176,12 @@ def error_rows(result: MismatchResult) -> Rows:
 
 
 def horizon_rows(held_out: HeldOutResult) -> Rows:
-    """Return state, horizon, errors: before, after, expected, persistence; whether consistent."""
+    """
+    Return state, horizon, errors, whether consistent.
+
+    Errors: before, after, with the refused correction if there is one, expected, persistence.
+    """
+    refused = [] if held_out.rejected is None else [held_out.rejected]
     rows = []
     for name, (state, unit) in STATES.items():
         for i, horizon in enumerate(held_out.horizons_s):
@@ -192,6 +198,7 @@ def horizon_rows(held_out: HeldOutResult) -> Rows:
                         f"{x:.2g}" if math.isfinite(x) else ""
                         for x in (
                             held_out.after[name][i],
+                            *(errors[name][i] for errors in refused),
                             held_out.expected[name][i],
                             held_out.persistence[name][i],
                         )
@@ -200,6 +207,15 @@ def horizon_rows(held_out: HeldOutResult) -> Rows:
                 ]
             )
     return rows
+
+
+def judged_model(held_out: HeldOutResult) -> str:
+    """Return which model's errors are compared with what noise explains."""
+    if held_out.rejected is not None:
+        return "refused correction"
+    if held_out.tolerances_fitted:
+        return "simulation with the build tolerances that the training part shows"
+    return "simulation" if held_out.export == NOT_EXPORTED else "corrected model"
 
 
 def candidate_rows(result: MismatchResult) -> Rows:

@@ -32,7 +32,7 @@ from adk_ros.mismatch.report.comparison_labels import characteristic_labels, mod
 from adk_ros.mismatch.report.effect_text import activation_text, interval_text, number
 from adk_ros.mismatch.report.effect_vocabulary import EFFECT_VOCABULARY
 from adk_ros.mismatch.report.quantities import Quantity
-from adk_ros.mismatch.report.report_tables import error_rows
+from adk_ros.mismatch.report.report_tables import error_rows, horizon_rows, judged_model
 from adk_ros.mismatch.report.residual_trends import EXPLAINS
 from adk_ros.mismatch.report.result_files import as_dict, where_text
 from adk_ros.mismatch.report.summary import pair_text, sentence, unexplained_text, verdict_text
@@ -190,6 +190,20 @@ def test_what_a_refused_correction_lowers_and_raises_is_said() -> None:
     assert written["rejected"]["yaw_rate"] == 0.0027
     assert model_labels(result)[1] == "uncorrected simulation"
     assert characteristic_labels(result)[1] == "with identified effects"
+
+
+def test_a_refused_correction_has_errors_next_to_its_judgement() -> None:
+    rejected = {"v_x": [0.02, 0.05], "v_y": [0.01, 0.02], "yaw_rate": [0.0027, 0.0020]}
+    held_out = refused(rejected).held_out
+    assert held_out is not None
+    first = horizon_rows(held_out)[0]
+    assert first[2:6] == ["0.1", "0.1", "0.02", "0.1"]
+    assert judged_model(held_out) == "refused correction"
+    plain = replace(held_out, rejected=None)
+    assert len(horizon_rows(plain)[0]) == len(first) - 1
+    assert judged_model(plain) == "simulation"
+    assert judged_model(replace(plain, export=FULL)) == "corrected model"
+    assert "training part" in judged_model(replace(plain, tolerances_fitted=True))
 
 
 def test_a_refused_correction_that_lowers_nothing_is_said() -> None:
