@@ -281,8 +281,13 @@ def _unmodelled_dynamics(
         found = _supported_formula(likelihood, path.levels[0][0], path, True)
         return (found, found) if found.terms else (None, None)
     at_bound = _is_at_bound(best)
-    # No expression fits better than one effect that leaves only noise: do not search for it.
-    searched = not (small and len(best.effects) == 1 and not at_bound)
+    # No expression fits better than one effect that leaves only noise: do not search for it. What
+    # a large effect leaves may be small next to it, and far above noise.
+    only_noise = decided(
+        lambda share: excess < share * path.expected_loss,
+        MAX_EXCESS_PER_NOISE=MAX_EXCESS_PER_NOISE,
+    )
+    searched = not (only_noise and len(best.effects) == 1 and not at_bound)
     alone = _supported_formula(likelihood, path.levels[0][0], path, searched)
     if not best.effects:
         # An excess that no effect and no feature reduces is the surrogate's error on this route.

@@ -129,6 +129,29 @@ def test_a_formula_is_sought_where_the_loss_of_all_channels_is_that_of_noise(
     assert not second.terms
 
 
+@pytest.mark.parametrize(("left", "is_searched"), [(700.0, False), (7000.0, True)])
+def test_an_effect_that_leaves_more_than_noise_is_compared_with_searched_features(
+    monkeypatch: pytest.MonkeyPatch, left: float, is_searched: bool
+) -> None:
+    """5 % of what softer tyres explain of a swaying trailer is 30 standard deviations."""
+    null = Hypothesis((), np.zeros(0), 160_000.0)
+    path = SelectionPath([[null]], expected_loss=20_000.0, null_excess_loss=140_000.0)
+    tyres = effects(20_000.0 + left, "rear_tyre_stiffness")
+    asked: list[bool] = []
+
+    def supported(*arguments: Any) -> UnmodelledDynamics:
+        asked.append(arguments[3])
+        return expression(20_100.0, "resonance:yaw_rate_speed:0.7:0.15")
+
+    monkeypatch.setattr(decision, "_supported_formula", supported)
+    likelihood: Any = None
+    assert decision._excess_is_small(tyres, path)
+    found, alone = decision._unmodelled_dynamics(likelihood, path, tyres, True)
+    assert asked == [is_searched]
+    assert alone is not None
+    assert (found is alone) is is_searched
+
+
 def test_one_feature_beats_several_effects() -> None:
     path = SelectionPath(expected_loss=1000.0, null_excess_loss=5000.0)
     pair = effects(1300.0, "rear_wheel_steer", "steering_ratio")
