@@ -118,10 +118,11 @@ def _decided(
     report(_DECIDED, _TOTAL, "predicting held-out data")
     if not held_out:
         decision = confirmed(decision, training, whole)
-        if decision.excess_is_small and not is_formula_confirmed(
-            decision.hypothesis, path.levels[0][0], training, whole
-        ):
-            decision = nothing_missing(path.levels[0][0])
+    null, reason = path.levels[0][0], ""
+    if decision.excess_is_small and not is_formula_confirmed(
+        decision.hypothesis, null, training, whole
+    ):
+        decision = nothing_missing(null)
     evidence = [data.evidence(inputs.completed(log)) for log in held_out]
     evidence = evidence or data.held_out(decision.hypothesis)
 
@@ -134,7 +135,6 @@ def _decided(
             surrogate, decision.hypothesis, lap, judged(decision), data.not_predicted()
         )
 
-    null, reason = path.levels[0][0], ""
     decision = without_places_on_slopes(decision, null, evidence, validated)
     decision = formula_instead(decision)
     if not is_corroborated(decision.hypothesis, training, whole, path.expected_loss):
@@ -176,11 +176,11 @@ def _decided(
     decision = with_confidence(refitted(decision, whole), validation.error_ratio)
     hidden = downweighted_residuals(whole, decision.hypothesis, known, data.single_lap)
     is_rule = hidden is not None and hidden.is_rule
-    episodic = hidden is not None and hidden.describes(decision.verdict == UNKNOWN)
+    episodic = hidden is not None and hidden.describes(decision.verdict == UNKNOWN and not rare)
     if (rare or is_rule) and not episodic and nothing_named(decision):
         reason = reason or _UNDESCRIBED
     if reason:
         decision = described_by_errors(decision, validation, reason)
     if episodic or not reason:
-        decision = with_episodes(decision, hidden, keep_text=bool(reason))
+        decision = with_episodes(decision, hidden, keep_text=bool(reason), outweigh=rare)
     return Outcome(path, decision, training, whole, validation, evidence, hidden, asked)

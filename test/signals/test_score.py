@@ -257,10 +257,10 @@ def test_reference_noise_recovers_a_known_standard_deviation() -> None:
 
 
 def test_the_variance_of_the_noise_is_as_uncertain_as_stated() -> None:
-    samples, trials = 4000, 2000
+    samples, repetitions = 4000, 2000
     random = np.random.default_rng(0)
-    variances = white_noise(random.standard_normal((samples, trials))) ** 2
-    # 2000 trials know a variance to 3 %.
+    variances = white_noise(random.standard_normal((samples, repetitions))) ** 2
+    # 2000 repetitions know a variance to 3 %.
     assert samples * variances.var() == pytest.approx(WHITE_NOISE_VARIANCE_ERROR, rel=0.1)
 
 

@@ -5,7 +5,8 @@ Confirmation of each of several effects, and of a weak formula, on held-out data
 
 Next to a large effect whose equation is inexact, a small one may fit what is left of the training
 part without being present. Present effects gain on held-out data in proportion to their share of
-it; those that gain less than a quarter of that are dropped.
+it; those that gain less than a quarter of that are dropped. So is a formula where noise may be all
+that is left without it.
 """
 
 from __future__ import annotations
@@ -19,9 +20,13 @@ from adk_ros.mismatch.inference.feature_effect import FeatureEffect
 from adk_ros.mismatch.inference.fit_budget import ABLATION, FINAL
 from adk_ros.mismatch.inference.hypothesis import ActiveEffect, Hypothesis
 from adk_ros.mismatch.inference.likelihood import Likelihood
-from adk_ros.mismatch.library.criteria import MIN_ACTIVE_S, MIN_CONFIRMED_SHARE
+from adk_ros.mismatch.library.criteria import (
+    MIN_ACTIVE_S,
+    MIN_CONFIRMED_SHARE,
+    PENALTY_PER_PARAMETER,
+)
 from adk_ros.mismatch.library.sensitivity import decided
-from adk_ros.numerics.arrays import BoolArray
+from adk_ros.numerics.arrays import BoolArray, FloatArray
 from adk_ros.numerics.levenberg_marquardt import huber_loss
 
 
@@ -51,19 +56,22 @@ def is_formula_confirmed(
     h: Hypothesis, null: Hypothesis, training: Likelihood, whole: Likelihood
 ) -> bool:
     """
-    Whether a formula gains on held-out data in proportion, as an effect next to others must.
+    Whether a formula gains on held-out data in proportion to what it changes there.
 
     For one that is claimed where `null`, without it, leaves no more than noise may: the errors of
-    the predictions cannot refute it. True where too little is held out to say.
+    the predictions cannot refute it. False with nothing held out, true where chance may gain as
+    much as the formula would (`PENALTY_PER_PARAMETER`).
     """
     held_out = training.held_out_bins()
-    counted = (whole.weights > 0.0).any(axis=0)
-    later, earlier = (int(np.count_nonzero(counted & part)) for part in (held_out, ~held_out))
-    bin_s = float(whole.problem.bin_s[1] - whole.problem.bin_s[0])
-    if decided(lambda least_s: min(later, earlier) * bin_s < least_s, MIN_ACTIVE_S=MIN_ACTIVE_S):
+    if not (whole.weights[:, held_out] > 0.0).any():
+        return False
+    before, after = (_whitened(whole, x) for x in (null, h))
+    change = (before - after) ** 2
+    share = float(change[:, held_out].sum()) / max(float(change[:, ~held_out].sum()), 1e-9)
+    expected = share * max(null.loss - h.loss, 0.0)
+    if expected < PENALTY_PER_PARAMETER:
         return True
-    expected = later / earlier * max(null.loss - h.loss, 1.0)
-    gain = _loss(whole, null, held_out) - _loss(whole, h, held_out)
+    gain = huber_loss(before[:, held_out]) - huber_loss(after[:, held_out])
     return bool(
         decided(lambda least: gain >= least * expected, MIN_CONFIRMED_SHARE=MIN_CONFIRMED_SHARE)
     )
@@ -105,6 +113,10 @@ def _activity_ratio(active: ActiveEffect, whole: Likelihood, held_out: BoolArray
 
 def _loss(likelihood: Likelihood, h: Hypothesis, bins: BoolArray) -> float:
     """Return the loss of a hypothesis, without the prior's, in some bins."""
+    return huber_loss(_whitened(likelihood, h)[:, bins])
+
+
+def _whitened(likelihood: Likelihood, h: Hypothesis) -> FloatArray:
+    """Return the whitened residuals (6, b) of a hypothesis."""
     p, terms = likelihood.simulation_inputs(h.nuisances, h.effects)
-    e = likelihood.whiten(likelihood.channel_residuals(p, terms))
-    return huber_loss(e[:, bins])
+    return likelihood.whiten(likelihood.channel_residuals(p, terms))

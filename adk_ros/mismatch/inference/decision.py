@@ -39,6 +39,7 @@ from adk_ros.mismatch.inference.significance import significant_effects
 from adk_ros.mismatch.inference.unmodelled import UnmodelledDynamics, fit_feature_expansion
 from adk_ros.mismatch.library.criteria import (
     FEATURE_PREFERENCE_RATIO,
+    INDISTINGUISHABLE_LOSS,
     INDISTINGUISHABLE_LOSS_SHARE,
     MAX_EXCESS_PER_NOISE,
     MAX_EXCESS_PER_NULL_EXCESS,
@@ -78,7 +79,7 @@ def decide(likelihood: Likelihood, path: SelectionPath) -> Decision:
     """Decide between no mismatch, effects, and unmodelled dynamics."""
     best = best_within_bounds(path)
     small = _excess_is_small(best, path)
-    hidden = small and not best.effects
+    only_formula = small and not best.effects
     unmodelled, formula = _unmodelled_dynamics(likelihood, path, best, small)
     if unmodelled is not None:
         best = unmodelled.hypothesis
@@ -120,7 +121,7 @@ def decide(likelihood: Likelihood, path: SelectionPath) -> Decision:
     if unmodelled is None:
         return Decision(EXPLAINED, effects, None, final, None, formula=formula)
     return Decision(
-        UNKNOWN, effects, unmodelled.unexplained(), final, unmodelled, excess_is_small=hidden
+        UNKNOWN, effects, unmodelled.unexplained(), final, unmodelled, excess_is_small=only_formula
     )
 
 
@@ -279,15 +280,20 @@ def _unmodelled_dynamics(
     if small and not best.effects:
         # What all channels together do not show, a formula may show in one of them.
         found = _supported_formula(likelihood, path.levels[0][0], path, True)
-        return (found, found) if found.terms else (None, None)
+        is_claim = found.terms and not _is_immaterial(found, path)
+        return (found, found) if is_claim else (None, None)
     at_bound = _is_at_bound(best)
     # No expression fits better than one effect that leaves only noise: do not search for it. What
     # a large effect leaves may be small next to it, and far above noise.
-    only_noise = decided(
-        lambda share: excess < share * path.expected_loss,
-        MAX_EXCESS_PER_NOISE=MAX_EXCESS_PER_NOISE,
+    suffices = (
+        len(best.effects) == 1
+        and not at_bound
+        and decided(
+            lambda share: excess < share * path.expected_loss,
+            MAX_EXCESS_PER_NOISE=MAX_EXCESS_PER_NOISE,
+        )
     )
-    searched = not (only_noise and len(best.effects) == 1 and not at_bound)
+    searched = not suffices
     alone = _supported_formula(likelihood, path.levels[0][0], path, searched)
     if not best.effects:
         # An excess that no effect and no feature reduces is the surrogate's error on this route.
@@ -323,6 +329,12 @@ def _unmodelled_dynamics(
     if not combined.terms and explains_most:
         return None, alone
     return combined, alone
+
+
+def _is_immaterial(formula: UnmodelledDynamics, path: SelectionPath) -> bool:
+    """Whether an effect below its materiality threshold fits as well as a formula."""
+    margin = formula.penalised_loss() + INDISTINGUISHABLE_LOSS
+    return any(penalised_loss(h) < margin for h in path.immaterial)
 
 
 def _supported_formula(

@@ -54,7 +54,7 @@ _JOINED_S = 1.0
 def downweighted_residuals(
     likelihood: Likelihood, hypothesis: Hypothesis, surrogate: SurrogateModel, lap: Lap | None
 ) -> Downweighted | None:
-    """Return residuals beyond the threshold at a hypothesis, or None if there are none."""
+    """Return the episodes of a hypothesis beyond the threshold, or None if there are none."""
     residuals = _residuals(likelihood, hypothesis)
     e = likelihood.whiten(residuals)
     above = _above_known(likelihood, hypothesis, e)
@@ -170,7 +170,8 @@ def _episode(
     if sigmas < HUBER_THRESHOLD:
         mean = largest_mean(e[:, bins])
         channel, sigmas = mean.channel, mean.sigmas
-        size = float(residuals[channel, bins][mean.bins].mean())
+        counted = likelihood.weights[channel, bins][mean.bins] > 0.0
+        size = float(residuals[channel, bins][mean.bins][counted].mean())
         at = bins.start + (mean.bins.start + mean.bins.stop) // 2
     step = min(round((problem.bin_s[at] - problem.start_s) / (BIN_S / 4.0)), problem.steps - 1)
     return Episode(
@@ -212,7 +213,11 @@ def _seconds_on_simulation(likelihood: Likelihood, surrogate: SurrogateModel) ->
 
 
 def with_episodes(
-    decision: Decision, hidden: Downweighted | None, *, keep_text: bool = False
+    decision: Decision,
+    hidden: Downweighted | None,
+    *,
+    keep_text: bool = False,
+    outweigh: bool = False,
 ) -> Decision:
     """
     Return a decision that does not pass over material episodes.
@@ -220,6 +225,7 @@ def with_episodes(
     `none` becomes `unknown`; an unexplained residual without terms is described by them, unless
     most of it is elsewhere.
     `keep_text`: what is said of it stays, such as the held-out error and why nothing is claimed.
+    `outweigh`: they account for more than a formula did (`episodes_describe_more`).
     """
     unexplained = decision.unexplained
     described = unexplained is not None and bool(unexplained.terms)
@@ -227,9 +233,9 @@ def with_episodes(
         return decision
     if decision.verdict not in {NONE, UNKNOWN}:
         return decision
-    if decision.verdict == UNKNOWN and not hidden.is_most:
+    if decision.verdict == UNKNOWN and not (hidden.is_most or outweigh):
         return decision
-    share = hidden.share if unexplained is None else unexplained.share
+    share = hidden.share_of_excess if unexplained is None else unexplained.share
     texts = [f"{EQUATION_TEXTS[x]} against time: {hidden.text()}" for x in hidden.equations]
     if unexplained is not None and keep_text:
         texts.append(unexplained.text)

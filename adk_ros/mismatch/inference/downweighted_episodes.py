@@ -56,8 +56,8 @@ class Downweighted:
 
     `seconds`: their duration, of each at least one; `simulated`: the same of the simulation;
     `exposure`: duration of the recordings over that of the simulation; `recordings`: their number.
-    `share`: part of the squared residuals that is in episodes, above that of noise. `equations`:
-    those that it concerns, largest part first.
+    `share`: part of Huber's loss that is in episodes, above that of noise. `equations`: those that
+    it concerns, largest part first.
     """
 
     episodes: tuple[Episode, ...]
@@ -70,7 +70,7 @@ class Downweighted:
     counted_s: float = np.inf
     """Seconds of the recordings that count."""
     share_of_excess: float = 1.0
-    """Part of the squared residuals above those of noise that is in episodes."""
+    """Part of the loss above that of noise that is in episodes."""
 
     @property
     def share_of_time(self) -> float:

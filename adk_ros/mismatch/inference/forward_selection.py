@@ -270,6 +270,7 @@ def refit_competitive(
             significant_effects(likelihood, h, path.examined)
         )
 
+    path.immaterial += [h for h in fitted if len(h.effects) == 1 and not _is_material(h)]
     out = _distinct([h for h in fitted if _is_material(h)])
     return sorted(out, key=lambda h: len(h.effects) == 1 and not is_claimable(h))
 

@@ -38,7 +38,7 @@ def largest_mean(e: FloatArray) -> Mean:
     """Return the largest mean of whitened residuals (k, b), over at most b bins."""
     found = [
         Mean(float(sigmas[i]), channel, slice(int(i), int(i) + width))
-        for channel, row in enumerate(_sums(e))
+        for channel, row in enumerate(e)
         for width in {min(width, e.shape[1]) for width in WINDOWS}
         for sigmas in [_sigmas(row, width)]
         for i in [np.argmax(sigmas)]
@@ -46,14 +46,15 @@ def largest_mean(e: FloatArray) -> Mean:
     return max(found, key=lambda mean: mean.sigmas)
 
 
-def _sums(e: FloatArray) -> FloatArray:
-    """Return the sums (k, b + 1) of residuals (k, b) before each bin."""
-    return np.cumsum(np.pad(e, ((0, 0), (1, 0))), axis=1)
+def _sigmas(e: FloatArray, width: int) -> FloatArray:
+    """
+    Return the mean of residuals (b,) over each window, in its standard deviations.
 
-
-def _sigmas(sums: FloatArray, width: int) -> FloatArray:
-    """Return the size of the mean over each window, in its standard deviations."""
-    return np.asarray(np.abs(sums[width:] - sums[:-width]) / np.sqrt(width))
+    A residual of zero is one that does not count.
+    """
+    sums, counts = (np.cumsum(np.append(0.0, x)) for x in (e, e != 0.0))
+    counted = np.maximum(counts[width:] - counts[:-width], 1.0)
+    return np.asarray(np.abs(sums[width:] - sums[:-width]) / np.sqrt(counted))
 
 
 def lasting_residuals(e: FloatArray, threshold: float = HUBER_THRESHOLD) -> BoolArray:
@@ -66,7 +67,7 @@ def lasting_residuals(e: FloatArray, threshold: float = HUBER_THRESHOLD) -> Bool
     one alone is no lasting one. Of overlapping windows, that with the largest mean is taken.
     """
     out = np.zeros(e.shape, dtype=bool)
-    for row, marked in zip(_sums(np.clip(e, -threshold, threshold)), out, strict=True):
+    for row, marked in zip(np.clip(e, -threshold, threshold), out, strict=True):
         found: list[tuple[float, int, int]] = []
         for width in WINDOWS:
             sigmas = _sigmas(row, width)

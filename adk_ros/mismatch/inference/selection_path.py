@@ -69,6 +69,8 @@ class SelectionPath:
     """Number of residuals that the surrogate's own error accounts for."""
     examined: int = 0
     """Number of effects, places and onsets among which the first effect was chosen."""
+    immaterial: list[Hypothesis] = field(default_factory=list)
+    """Fitted hypotheses of one effect that is below its materiality threshold."""
     of_one_cause: list[Hypothesis] = field(default_factory=list)
     """Hypotheses of effects that one change of the car has together, as screened."""
 

@@ -379,7 +379,8 @@ Convention.
 MIN_CONFIRMED_SHARE = 0.25
 """
 Least gain of one of several effects on held-out data, as a share of its gain on the training part
-in proportion to the time that it acts. Calibrated to a factor of two.
+in proportion to the time that it acts; and of a formula next to which noise may be all that is
+left, in proportion to the squares of what it changes. Calibrated to a factor of two.
 """
 MIN_ACTIVE_S = 2.0
 """

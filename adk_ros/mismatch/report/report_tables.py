@@ -215,7 +215,7 @@ def judged_model(held_out: HeldOutResult) -> str:
         return "refused correction"
     if held_out.tolerances_fitted:
         return "simulation with the build tolerances that the training part shows"
-    return "simulation" if held_out.export == NOT_EXPORTED else "corrected model"
+    return "simulation" if held_out.export == NOT_EXPORTED else "corrected vehicle model"
 
 
 def candidate_rows(result: MismatchResult) -> Rows:

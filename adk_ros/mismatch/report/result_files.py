@@ -246,7 +246,7 @@ def _held_out(errors: HeldOutResult) -> dict[str, Any]:
 
 
 def _downweighted(hidden: Downweighted) -> dict[str, Any]:
-    """Return the episodes, under the key that they had when only outliers were among them."""
+    """Return when and where episodes are, and in which channel."""
     return {
         "seconds": hidden.seconds,
         "expected_seconds": json_number(hidden.expected),

@@ -86,8 +86,8 @@ def test_a_formula_must_gain_on_held_out_data_in_proportion() -> None:
     assert null.loss - gyro.loss > 60.0
     assert is_formula_confirmed(drag, null, training, whole)
     assert not is_formula_confirmed(gyro, null, training, whole)
-    # With nothing held out, nothing can be said.
-    assert is_formula_confirmed(gyro, null, whole, whole)
+    # With nothing held out, nothing confirms it.
+    assert not is_formula_confirmed(drag, null, whole, whole)
 
 
 def test_an_effect_that_does_not_act_later_cannot_be_refuted() -> None:

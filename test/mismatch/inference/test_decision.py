@@ -126,6 +126,10 @@ def test_a_formula_is_sought_where_the_loss_of_all_channels_is_that_of_noise(
     assert decision._unmodelled_dynamics(likelihood, path, null, True) == (first, first)
     assert decision._unmodelled_dynamics(likelihood, path, null, True) == (None, None)
     assert asked == [(likelihood, null, path, True)] * 2
+    # Not where an effect below its materiality threshold fits as well.
+    found.append(first)
+    path.immaterial.append(effects(19_700.0, "steering_delay"))
+    assert decision._unmodelled_dynamics(likelihood, path, null, True) == (None, None)
     assert not second.terms
 
 

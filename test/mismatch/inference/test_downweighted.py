@@ -1,6 +1,6 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Episodes that the robust loss hides: times, channels, and whether chance explains them."""
+"""Episodes beyond what noise causes: times, channels, and whether chance explains them."""
 
 from __future__ import annotations
 
@@ -184,6 +184,8 @@ def test_episodes_describe_more_than_a_wave_that_fits_them(
     lap = find_lap(problem)
     assert episodes_describe_more(likelihood, fitted, null, surrogate(), lap) is episodes
     assert not episodes_describe_more(likelihood, null, null, surrogate(), lap)
+    every = episodes_describe_more(likelihood, fitted, null, surrogate(), lap, of_time_only=False)
+    assert every is bool(pulses_s)
 
 
 def material(
@@ -288,6 +290,9 @@ def test_episodes_do_not_replace_a_formula() -> None:
     elsewhere = replace(material(5), share_of_excess=0.3)
     assert with_episodes(nothing, elsewhere) is nothing
     assert with_episodes(decision(NONE), elsewhere).verdict == UNKNOWN
+    outweighing = with_episodes(nothing, elsewhere, outweigh=True).unexplained
+    assert outweighing is not None
+    assert outweighing.text.startswith("lateral acceleration against time: 5 episodes")
     replaced = with_episodes(nothing, material(5)).unexplained
     assert replaced is not None
     assert replaced.share == 0.3

@@ -74,11 +74,11 @@ def test_the_loss_of_a_perfect_model_is_as_uncertain_as_the_noise() -> None:
 @pytest.mark.parametrize("samples_per_bin", [2, 4])
 def test_the_spread_of_losses_over_estimated_noise(samples_per_bin: int) -> None:
     """Of n bins: 2 n with known noise, and 9.1 n over the samples of a bin by its estimate."""
-    bins, trials = 1000, 1500
+    bins, repetitions = 1000, 1500
     random = np.random.default_rng(1)
-    samples = random.standard_normal((bins * samples_per_bin, trials))
+    samples = random.standard_normal((bins * samples_per_bin, repetitions))
     sigma = white_noise(samples)
-    means = samples.reshape(bins, samples_per_bin, trials).mean(axis=1)
+    means = samples.reshape(bins, samples_per_bin, repetitions).mean(axis=1)
     losses = samples_per_bin * np.sum(means**2, axis=0) / sigma**2
     expected = 2.0 + WHITE_NOISE_VARIANCE_ERROR / samples_per_bin
     assert losses.var() / bins == pytest.approx(expected, rel=0.15)

@@ -64,6 +64,17 @@ def test_what_lasts_in_all_of_a_channel_is_no_episode() -> None:
     assert np.flatnonzero(lasting_residuals(e).any(axis=0)).min() > 980
 
 
+@pytest.mark.parametrize("every", [2, 3])
+def test_a_pulse_is_found_in_a_slow_sensor(every: int) -> None:
+    """Of whose readings only every second or third bin has one."""
+    e = noise()
+    e[1, 1000:1020] += 15.0 / np.sqrt(20 / every)
+    e = np.clip(e, -7.9, 7.9)
+    e[:, np.arange(BINS) % every != 0] = 0.0
+    assert lasting_residuals(e)[1].any()
+    assert not lasting_residuals(e)[[0, 2, 3, 4, 5]].any()
+
+
 def test_recordings_shorter_than_a_window_have_none() -> None:
     for bins in range(max(WINDOWS) + 2):
         assert lasting_residuals(np.full((6, bins), 1.0)).shape == (6, bins)
@@ -77,9 +88,9 @@ def test_the_largest_mean_has_its_channel_and_place() -> None:
     mean = largest_mean(e)
     assert (mean.channel, mean.bins) == (3, slice(710, 720))
     assert mean.sigmas == pytest.approx(3.0 * np.sqrt(10.0), rel=0.05)
-    few = largest_mean(np.array([[1.0, 1.0, 1.0], [0.0, 4.0, 0.0]]))
+    few = largest_mean(np.array([[1.0, 1.0, 1.0], [0.5, 4.0, 0.5]]))
     assert (few.channel, few.bins) == (1, slice(0, 3))
-    assert few.sigmas == pytest.approx(4.0 / np.sqrt(3.0))
+    assert few.sigmas == pytest.approx(5.0 / np.sqrt(3.0))
 
 
 def test_windows_do_not_miss_much_between_their_durations() -> None:

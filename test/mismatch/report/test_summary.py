@@ -202,7 +202,7 @@ def test_a_refused_correction_has_errors_next_to_its_judgement() -> None:
     plain = replace(held_out, rejected=None)
     assert len(horizon_rows(plain)[0]) == len(first) - 1
     assert judged_model(plain) == "simulation"
-    assert judged_model(replace(plain, export=FULL)) == "corrected model"
+    assert judged_model(replace(plain, export=FULL)) == "corrected vehicle model"
     assert "training part" in judged_model(replace(plain, tolerances_fitted=True))
 
 
