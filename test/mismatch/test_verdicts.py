@@ -25,7 +25,7 @@ from adk_ros.mismatch.library.criteria import HELD_OUT_SHARE
 from adk_ros.mismatch.report.result_files import as_dict
 from adk_ros.mismatch.report.summary import sentence
 from adk_ros.plant.injection.injectors import FULL, UNLISTED
-from adk_ros.plant.injection.unlisted_changes import TORQUE_CUT_FROM
+from adk_ros.plant.injection.unlisted_changes import SLOSH_FREQUENCY_HZ, TORQUE_CUT_FROM
 
 pytestmark = pytest.mark.slow(seconds=45)
 SECONDS = (100.0, 150.0, 30.0)
@@ -203,6 +203,36 @@ def test_brakes_that_pulse_are_episodes() -> None:
     assert said is not None
     assert int(said[1]) >= 10
     assert "constant" not in sentence(result)
+
+
+def test_weak_gusts_are_episodes_though_no_reading_shows_one() -> None:
+    result = result_of("gust_series", 0.3)
+    assert result.verdict == UNKNOWN
+    assert result.unexplained is not None
+    assert set(result.unexplained.equations) == {"v_y", "yaw_rate"}
+    said = re.search(r"against time: (\d+) episodes of", result.unexplained.text)
+    assert said is not None
+    assert int(said[1]) >= 8
+
+
+def test_a_weak_formula_is_found_where_all_channels_leave_no_more_than_noise() -> None:
+    result = result_of("sloshing_load", 0.3)
+    assert result.steps[0].loss < result.expected_loss
+    assert result.verdict == UNKNOWN
+    assert result.unexplained is not None
+    (term,) = result.unexplained.terms
+    kind, signal, frequency, _ = term.feature.split(":")
+    assert (term.equation, kind, signal) == ("v_y", "resonance", "a_y")
+    assert float(frequency) == pytest.approx(SLOSH_FREQUENCY_HZ, rel=0.05)
+    clean = result_of("")
+    assert (clean.verdict, clean.unexplained, clean.downweighted) == (NONE, None, None)
+
+
+def test_softer_tyres_do_not_hide_a_swaying_trailer() -> None:
+    result = result_of("trailer_sway")
+    assert result.verdict == UNKNOWN
+    assert result.unexplained is not None
+    assert any("resonance" in x.feature for x in result.unexplained.terms)
 
 
 def test_a_lag_below_the_threshold_is_listed_with_its_size() -> None:
