@@ -176,11 +176,12 @@ def _decided(
     decision = with_confidence(refitted(decision, whole), validation.error_ratio)
     hidden = downweighted_residuals(whole, decision.hypothesis, known, data.single_lap)
     is_rule = hidden is not None and hidden.is_rule
-    episodic = hidden is not None and hidden.describes(decision.verdict == UNKNOWN and not rare)
+    describes = hidden is not None and hidden.describes(decision.verdict == UNKNOWN and not rare)
+    episodic = describes and not is_rule
     if (rare or is_rule) and not episodic and nothing_named(decision):
         reason = reason or _UNDESCRIBED
     if reason:
         decision = described_by_errors(decision, validation, reason)
-    if episodic or not reason:
-        decision = with_episodes(decision, hidden, keep_text=bool(reason), outweigh=rare)
+    if episodic or (describes and not reason):
+        decision = with_episodes(decision, hidden, keep_text=bool(reason))
     return Outcome(path, decision, training, whole, validation, evidence, hidden, asked)

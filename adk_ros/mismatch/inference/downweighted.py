@@ -213,27 +213,19 @@ def _seconds_on_simulation(likelihood: Likelihood, surrogate: SurrogateModel) ->
 
 
 def with_episodes(
-    decision: Decision,
-    hidden: Downweighted | None,
-    *,
-    keep_text: bool = False,
-    outweigh: bool = False,
+    decision: Decision, hidden: Downweighted | None, *, keep_text: bool = False
 ) -> Decision:
     """
     Return a decision that does not pass over material episodes.
 
-    `none` becomes `unknown`; an unexplained residual without terms is described by them, unless
-    most of it is elsewhere.
+    `none` becomes `unknown`; an unexplained residual without terms is described by them.
     `keep_text`: what is said of it stays, such as the held-out error and why nothing is claimed.
-    `outweigh`: they account for more than a formula did (`episodes_describe_more`).
     """
     unexplained = decision.unexplained
     described = unexplained is not None and bool(unexplained.terms)
     if hidden is None or not hidden.is_material or described:
         return decision
     if decision.verdict not in {NONE, UNKNOWN}:
-        return decision
-    if decision.verdict == UNKNOWN and not (hidden.is_most or outweigh):
         return decision
     share = hidden.share_of_excess if unexplained is None else unexplained.share
     texts = [f"{EQUATION_TEXTS[x]} against time: {hidden.text()}" for x in hidden.equations]

@@ -89,9 +89,7 @@ class Downweighted:
 
     def describes(self, something_is_unexplained: bool) -> bool:
         """Whether material episodes say what is unexplained, if something is known to be."""
-        if not self.is_material or self.is_rule:
-            return False
-        return self.is_most or not something_is_unexplained
+        return self.is_material and (self.is_most or not something_is_unexplained)
 
     @property
     def expected(self) -> float:
