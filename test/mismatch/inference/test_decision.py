@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from adk_ros.mismatch.inference import decision
-from adk_ros.mismatch.inference.decision import prefers_feature_model
+from adk_ros.mismatch.inference import decision, formula_choice
 from adk_ros.mismatch.inference.effect_intervals import confidence_interval
 from adk_ros.mismatch.inference.feature_effect import (
     FeatureEffect,
@@ -19,6 +18,7 @@ from adk_ros.mismatch.inference.feature_effect import (
     feature_as_effect,
     feature_terms,
 )
+from adk_ros.mismatch.inference.formula_choice import prefers_feature_model
 from adk_ros.mismatch.inference.hypothesis import ActiveEffect, Hypothesis, inactive_effect
 from adk_ros.mismatch.inference.identifiability import (
     CompetingEffect,
@@ -119,17 +119,17 @@ def test_a_formula_is_sought_where_the_loss_of_all_channels_is_that_of_noise(
         asked.append(arguments)
         return found.pop(0)
 
-    monkeypatch.setattr(decision, "_supported_formula", supported)
+    monkeypatch.setattr(formula_choice, "supported_formula", supported)
     likelihood: Any = None
-    assert decision._excess_is_small(null, path)
+    assert formula_choice.excess_is_small(null, path)
     first, second = found
-    assert decision._unmodelled_dynamics(likelihood, path, null, True) == (first, first)
-    assert decision._unmodelled_dynamics(likelihood, path, null, True) == (None, None)
+    assert formula_choice.unmodelled_dynamics(likelihood, path, null, True) == (first, first)
+    assert formula_choice.unmodelled_dynamics(likelihood, path, null, True) == (None, None)
     assert asked == [(likelihood, null, path, True)] * 2
     # Not where an effect below its materiality threshold fits as well.
     found.append(first)
     path.immaterial.append(effects(19_700.0, "steering_delay"))
-    assert decision._unmodelled_dynamics(likelihood, path, null, True) == (None, None)
+    assert formula_choice.unmodelled_dynamics(likelihood, path, null, True) == (None, None)
     assert not second.terms
 
 
@@ -147,10 +147,10 @@ def test_an_effect_that_leaves_more_than_noise_is_compared_with_searched_feature
         asked.append(arguments[3])
         return expression(20_100.0, "resonance:yaw_rate_speed:0.7:0.15")
 
-    monkeypatch.setattr(decision, "_supported_formula", supported)
+    monkeypatch.setattr(formula_choice, "supported_formula", supported)
     likelihood: Any = None
-    assert decision._excess_is_small(tyres, path)
-    found, alone = decision._unmodelled_dynamics(likelihood, path, tyres, True)
+    assert formula_choice.excess_is_small(tyres, path)
+    found, alone = formula_choice.unmodelled_dynamics(likelihood, path, tyres, True)
     assert asked == [is_searched]
     assert alone is not None
     assert (found is alone) is is_searched

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from adk_ros.mismatch.inference import forward_selection
-from adk_ros.mismatch.inference.decision import best_within_bounds
+from adk_ros.mismatch.inference.formula_choice import best_within_bounds
 from adk_ros.mismatch.inference.forward_selection import _of_one_cause, refit_competitive
 from adk_ros.mismatch.inference.hypothesis import ActiveEffect, Hypothesis
 from adk_ros.mismatch.inference.identifiability import act_apart

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from adk_ros.mismatch.inference import decision, left_out_support
+from adk_ros.mismatch.inference import formula_choice, left_out_support
 from adk_ros.mismatch.inference.confidence import ABSENT
 from adk_ros.mismatch.inference.feature_effect import feature_as_effect
 from adk_ros.mismatch.inference.hypothesis import ActiveEffect, Hypothesis
@@ -117,9 +117,9 @@ def test_a_formula_without_support_has_no_terms(
     start, formula = fitted(1000.0), fitted(1000.0 - gain)
     body = Body(1800.0, 3000.0, 0.3)
     found = UnmodelledDynamics(1.0, (FeatureTerm("yaw_rate", "speed", 0.1, gain),), formula, body)
-    monkeypatch.setattr(decision, "fit_feature_expansion", lambda *args: found)
+    monkeypatch.setattr(formula_choice, "fit_feature_expansion", lambda *args: found)
     path = SelectionPath(expected_loss=500.0, null_excess_loss=500.0)
-    kept = decision._supported_formula(Known(), start, path, True)
+    kept = formula_choice.supported_formula(Known(), start, path, True)
     assert len(kept.terms) == terms
     assert kept.hypothesis is (formula if terms else start)
 
