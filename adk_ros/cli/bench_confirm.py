@@ -52,6 +52,14 @@ def confirm(
         bool,
         typer.Option("--single-track", help="train with it, see `adk train --single-track`"),
     ] = False,
+    sources: Annotated[
+        bool,
+        typer.Option(
+            "--sources",
+            help="also show where the errors come from: rows without adaptation, without all that "
+            "is learned online, and of the plant started from the estimated state",
+        ),
+    ] = False,
     jobs: Annotated[int, typer.Option(help="processes, one thread each")] = 2,
     resume: Annotated[
         bool, typer.Option("--resume", help="continue an interrupted run of the same code")
@@ -98,7 +106,9 @@ def confirm(
     if MULTI_BODY not in others:
         console.note(f"without {MULTI_BODY}: it needs `pip install commonroad-vehicle-models`")
     folder = out.with_name(f"{out.name}.part")
-    key = f"{digest} {chosen} {tests} {trainings} {quick} {peers} {others} {single_track}"
+    key = (
+        f"{digest} {chosen} {tests} {trainings} {quick} {peers} {others} {single_track} {sources}"
+    )
     store = OutcomeStore.opened(folder, key, resume)
     shutil.rmtree(folder / "scenarios", ignore_errors=True)
     try:
@@ -111,7 +121,7 @@ def confirm(
             plan = BenchPlan(
                 train=settings, quick=quick, seeds=1 if quick else trainings, tests=drives.tests,
                 drives=drives, left_out=("dk", "effect", "recording"), peers=peers,
-                paper_epochs=_EPOCHS,
+                paper_epochs=_EPOCHS, sources=sources,
             )  # fmt: skip
             if quick:
                 plan = replace(

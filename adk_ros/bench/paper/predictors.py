@@ -25,6 +25,8 @@ DK, ALDK, RLS, FFRLS, SWLS = "DK", "ALDK", "ALDK-RLS", "ALDK-FFRLS", "ALDK-SWLS"
 MF, MF_TUNED = "7 DoF-MF", "7 DoF-MF tuned"
 MF_PLAIN, MF_CHOSEN = "7 DoF-MF, no resistances", "7 DoF-MF, chosen"
 ADK_ROS, ORACLE = "adk_ros", "oracle (the plant)"
+ALONE, NOT_ADAPTED = "adk_ros, offline model alone", "adk_ros without least squares"
+ORACLE_ESTIMATED = "oracle from the estimated state"
 LINEAR, LINEAR_ADAPTED = "least squares", "least squares, adapted"
 PYKOOP, PYKOOPMAN = "pykoop", "pykoopman"
 NAIVE = ("persistence", "straight line", "IMU integration")
@@ -32,9 +34,12 @@ PAPERS = (DK, MF, ALDK, RLS, FFRLS, SWLS)
 """Predictors of the paper, in its order."""
 ORDER = (
     *PAPERS, MF_PLAIN, MF_TUNED, MF_CHOSEN, *NAIVE, LINEAR, LINEAR_ADAPTED, PYKOOP, PYKOOPMAN,
-    ADK_ROS, ORACLE,
+    ALONE, NOT_ADAPTED, ADK_ROS, ORACLE_ESTIMATED, ORACLE,
 )  # fmt: skip
 """Order of the predictors in the tables."""
+NOT_COMPARED = (ALONE, NOT_ADAPTED, ORACLE_ESTIMATED, ORACLE)
+"""Rows that explain the errors of adk_ros and are no competitors: see `error_sources`."""
+ORACLES = (ORACLE, ORACLE_ESTIMATED)
 METHODS = {ALDK: "constant", RLS: "rls", FFRLS: "ffrls", SWLS: "swls"}
 
 Tell = Callable[[float], None]

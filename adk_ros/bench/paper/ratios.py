@@ -10,7 +10,7 @@ import numpy as np
 
 from adk_ros.bench.paper.cases import CLEAN
 from adk_ros.bench.paper.paper_tables import NONE, Table, number, strong
-from adk_ros.bench.paper.predictors import ADK_ROS, ORACLE
+from adk_ros.bench.paper.predictors import ADK_ROS, NOT_COMPARED, ORACLES
 from adk_ros.bench.paper.scores import CHANNELS, HORIZONS, Combination, ScoreTable
 
 
@@ -23,11 +23,11 @@ def geometric_means(board: ScoreTable, name: str) -> dict[tuple[str, int], float
     """
     Return geometric means by variant and horizon, over tests and channels; seeds averaged first.
 
-    There is none for the oracle on clean tests, where its errors are rounding errors.
+    There is none for the oracles on clean tests, where their errors are rounding errors.
     """
     gathered: dict[tuple[str, int], list[float]] = {}
     for combo, ratio in board.ratios(name).items():
-        if name == ORACLE and combo.variant == CLEAN:
+        if name in ORACLES and combo.variant == CLEAN:
             continue
         gathered.setdefault((combo.variant, combo.horizon), []).append(float(ratio.mean()))
     return {key: geometric_mean(values) for key, values in gathered.items()}
@@ -82,11 +82,12 @@ def best_cells(
     """
     Return (row, column) of the lowest ratio in each column; column 0 holds the names.
 
-    The oracle and ratios of 1 or more are excluded. `columns` must not contain lower bounds.
+    Rows of `NOT_COMPARED` and ratios of 1 or more are excluded. `columns` must not contain lower
+    bounds.
     """
     found = set()
     for j, column in enumerate(columns):
-        real = {name: value for name, value in column.items() if name != ORACLE}
+        real = {name: value for name, value in column.items() if name not in NOT_COMPARED}
         least = min(real, key=real.__getitem__, default=None)
         if least is not None and real[least] < 1.0:
             found.add((names.index(least), j + 1))

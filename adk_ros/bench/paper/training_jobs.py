@@ -19,6 +19,7 @@ import numpy as np
 
 from adk_ros.bench.paper import cases
 from adk_ros.bench.paper.baseline_libraries import Peers
+from adk_ros.bench.paper.error_sources import EstimatedStartOracle, reduced_predictors
 from adk_ros.bench.paper.linear_models import LeastSquares
 from adk_ros.bench.paper.online_effect import VALIDATED_FROM, Reading
 from adk_ros.bench.paper.predictor_protocol import BenchPredictor
@@ -44,6 +45,7 @@ from adk_ros.errors import AdkError
 from adk_ros.model import artefact
 from adk_ros.model.adaptation.online_methods import OnlineSettings
 from adk_ros.numerics.arrays import FloatArray
+from adk_ros.plant.scenario.sensor_simulation import SimulatedDrive
 from adk_ros.plant.vehicle.vehicle_parameters import Vehicle, load_vehicle
 from adk_ros.signals.channels import Record
 from adk_ros.train.network_fit import Step
@@ -65,6 +67,7 @@ class BenchPlan:
     Tests to run, of which drives, and training effort; `left_out`: kinds of jobs.
 
     `device` and `checkpoints`, a folder of unfinished and finished trainings, are for DK and ALDK.
+    `sources`: also run the rows of `error_sources`.
     """
 
     quick: bool = False
@@ -81,6 +84,7 @@ class BenchPlan:
     recordings: tuple[Path, ...] = ()
     device: str = "cpu"
     checkpoints: Path | None = None
+    sources: bool = False
 
     def paper_training(self, acceleration: bool, epochs: int) -> PaperSettings:
         """Return the settings of a training of DK, or of ALDK with `acceleration`."""
@@ -231,11 +235,22 @@ def paper_job(job: TrainingJob, plan: BenchPlan, folder: Path, tell: NoteProgres
 
 
 def default_job(job: TrainingJob, plan: BenchPlan, folder: Path, tell: NoteProgress) -> Outcome:
-    """Train and run the adk_ros model with one seed; a tenth of the drive is for validation."""
+    """
+    Train and run the adk_ros model with one seed; a tenth of the drive is for validation.
+
+    With `BenchPlan.sources` also reduced ones, and with the first seed the plant from its state.
+    """
     outcome = Outcome(job)
     train = cases.training_record(folder, job.variant, plan.drives)
-    model = train_default(outcome, [train], plan, folder, tell)
-    _evaluate_on_all_tests(outcome, [model], plan, folder, _evaluation_rest(tell))
+    full = train_default(outcome, [train], plan, folder, tell)
+    everybody = [full, *(reduced_predictors(full) if plan.sources else [])]
+    _evaluate_on_all_tests(outcome, everybody, plan, folder, _evaluation_rest(tell))
+    if plan.sources and job.seed == 0:
+        _run_oracles(
+            outcome,
+            lambda drive, begin: EstimatedStartOracle(drive, begin, full.model),
+            plan, folder, _nothing,
+        )  # fmt: skip
     return outcome
 
 
@@ -283,15 +298,26 @@ def peers_job(job: TrainingJob, plan: BenchPlan, folder: Path, tell: NoteProgres
 def floor_job(job: TrainingJob, plan: BenchPlan, folder: Path, tell: NoteProgress) -> Outcome:
     """Run the oracle: the plant itself, restarted from the same measurements."""
     outcome = Outcome(job)
+    _run_oracles(outcome, OraclePredictor, plan, folder, tell)
+    return outcome
+
+
+def _run_oracles(
+    outcome: Outcome,
+    oracle: Callable[[SimulatedDrive, int], BenchPredictor],
+    plan: BenchPlan,
+    folder: Path,
+    tell: NoteProgress,
+) -> None:
+    """Run a predictor that restarts the plant: made of a drive and the row of its test."""
     for number, test in enumerate(plan.tests):
         if test in plan.drives.others:
             continue
         with outcome.clocked("simulating"):
             driven, begin = cases.simulate_test(test, plan.durations, drives=plan.drives)
         one = replace(plan, tests=(test,))
-        _evaluate_on_all_tests(outcome, [OraclePredictor(driven, begin)], one, folder, _nothing)
+        _evaluate_on_all_tests(outcome, [oracle(driven, begin)], one, folder, _nothing)
         tell((number + 1) / len(plan.tests))
-    return outcome
 
 
 def _evaluate_on_all_tests(
