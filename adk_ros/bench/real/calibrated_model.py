@@ -19,6 +19,7 @@ from adk_ros.mismatch.inference.observability import (
 )
 from adk_ros.mismatch.inference.result import UNKNOWN, IdentifiedEffect, MismatchResult
 from adk_ros.mismatch.recording.dead_channels import without_dead_channels
+from adk_ros.mismatch.recording.joined import shifted
 from adk_ros.mismatch.recording.nominal_vehicle import NominalVehicle
 from adk_ros.mismatch.recording.sensor_log import SensorLog
 from adk_ros.mismatch.surrogate.identification import SurrogateModel
@@ -91,12 +92,5 @@ def middle_of_driving(log: SensorLog, nominal: NominalVehicle) -> SensorLog:
 
 def between(log: SensorLog, begin_s: float, end_s: float) -> SensorLog:
     """Return an interval of a recording, whose time begins with it: a share of it is held out."""
-    part = log.between(begin_s, end_s)
-    return replace(
-        part,
-        duration_s=end_s - begin_s,
-        imu_s=part.imu_s - begin_s,
-        odometry_s=part.odometry_s - begin_s,
-        command_s=part.command_s - begin_s,
-        start_ns=part.start_ns + round(1e9 * begin_s),
-    )
+    part = shifted(log.between(begin_s, end_s), -begin_s)
+    return replace(part, duration_s=end_s - begin_s)

@@ -74,8 +74,17 @@ def test_the_effect_of_the_expected_size_restores_the_term(term: Term) -> None:
 
 def test_the_rest_begins_at_zero() -> None:
     log = case().recording
+    stamps_s = np.arange(0.0, log.odometry_s[-1], 0.1)
+    attitude = np.stack([0.01 * stamps_s, 0.02 * stamps_s], axis=1)
+    log = replace(log, attitude_s=stamps_s, attitude=attitude)
     first, rest = parts(log)
     assert rest.odometry_s[0] < 0.1
+    # The attitude belongs to the same moments as before.
+    begin_s = 1e-9 * (rest.start_ns - log.start_ns)
+    roll = np.interp(rest.odometry_s + begin_s, stamps_s, attitude[:, 0])
+    np.testing.assert_allclose(
+        np.interp(rest.odometry_s, rest.attitude_s, rest.attitude[:, 0]), roll, atol=1e-9
+    )
     assert rest.duration_s == pytest.approx(0.4 * (log.odometry_s[-1] - log.odometry_s[0]))
     assert rest.duration_s > rest.odometry_s[-1]
     assert first.odometry_s.size + rest.odometry_s.size == pytest.approx(
