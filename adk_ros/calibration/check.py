@@ -180,8 +180,11 @@ def _fine(
     """Return the findings on scales, offsets, positions and lags."""
     streams, sensors = corrected
     axles = vehicle if _AXLES.isdisjoint(assumed) else None
+    wheelbase = _wheelbase(vehicle)
+    known_size = None if wheelbase is None else length_scale(wheelbase)
+    size = known_size or 1.0
     timing = list(check_timing(s))
-    out = list(check_odometry_scale(s))
+    out = list(check_odometry_scale(s, size))
     # Both find the same scale: composed, it would count twice.
     proposed = {name for finding in out for name in finding.parameters}
     out += [_without(x, proposed) for x in check_receiver(s, streams.gps_speed, sensors)]
@@ -190,12 +193,12 @@ def _fine(
     if any(name.startswith("odometry_yaw_rate") for name in late):
         # No reference and no instrument for what follows.
         s = replace(s, yaw_rate=None)
-    positions = list(check_imu(_aligned(s, timing), sensors))
+    positions = list(check_imu(_aligned(s, timing), sensors, size))
     out += [_unless_filtered(x, late) for x in positions]
     points = list(check_reference_point(s, sensors, axles))
     is_known = not any(x.verdict is Verdict.FINDING for x in points)
     out += points
-    steering = check_steering(s, sensors, axles if is_known else None, _wheelbase(vehicle))
+    steering = check_steering(s, sensors, axles if is_known else None, wheelbase)
     out += [_unless_offset(x, late) for x in steering]
     radius = None if vehicle is None or "wheel_radius" in assumed else vehicle.wheel_radius
     mass = None if vehicle is None else vehicle.mass
@@ -206,9 +209,7 @@ def _fine(
             out += check_torque(s, mass, radius)
         out += check_joints(s, streams.wheels, radius)
     out += check_wheels(s, streams.wheel_speeds, radius)
-    wheelbase = _wheelbase(vehicle)
-    size = None if wheelbase is None else length_scale(wheelbase)
-    out += check_pedals(s, streams, mass, radius, size)
+    out += check_pedals(s, streams, mass, radius, known_size)
     return out
 
 

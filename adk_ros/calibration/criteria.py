@@ -45,7 +45,8 @@ MAX_STANDING_SHARE = 0.3
 """Share of the recording at a standstill above which it is a finding; by choice."""
 MIN_SPEED_CHANGE = 1.0
 """m/s (RMS) in a block from which a scale of acceleration is estimated: 20 times the noise of an
-odometry of 0.05 m/s, which then lowers the scale by 0.25 %."""
+odometry of 0.05 m/s, which then lowers the scale by 0.25 %. Of a full-size car: speeds of a scale
+model are compared with it times `similarity.time_scale`."""
 MAX_LATERAL = 4.0
 """m/s²: range of linear steering and tyre behaviour (ISO 4138, 2021)."""
 
@@ -144,6 +145,7 @@ MATERIAL = {
     "a_y_offset": Material(0.3, "m/s²"),
     "tilt": Material(math.radians(1.0), "rad"),
     # The roll of the body moves the estimate by up to 0.33 m (`adk simulate slalom --seed 1`).
+    # This and the next are lengths of a full-size car, times the length scale of a scale model.
     "imu_position": Material(0.5, "m"),
     "reference_point": Material(0.4, "m"),
     "wheel_radius": Material(0.02, "1"),

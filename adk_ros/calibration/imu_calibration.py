@@ -35,15 +35,19 @@ _MAX_NET_SHARE = 0.1
 zero."""
 
 
-def check_imu(s: Signals, sensors: SensorConfig) -> Iterator[Finding]:
-    """Yield the findings on position, tilt and offsets of the IMU."""
+def check_imu(s: Signals, sensors: SensorConfig, size: float = 1.0) -> Iterator[Finding]:
+    """
+    Yield the findings on position, tilt and offsets of the IMU.
+
+    :param size: scale of the car's lengths (`numerics.similarity`).
+    """
     if s.a is None or s.longitudinal is None or s.lateral is None:
         return
-    yield _position(s, sensors)
+    yield _position(s, sensors, size)
     yield from _attitude(s, sensors)
 
 
-def _position(s: Signals, sensors: SensorConfig) -> Finding:
+def _position(s: Signals, sensors: SensorConfig, size: float) -> Finding:
     name = "imu_position"
     if s.v_y is None:
         return not_decidable(name, "odometry's v_y is not measured, whose rate looks the same")
@@ -64,18 +68,19 @@ def _position(s: Signals, sensors: SensorConfig) -> Finding:
         s.a[0] - s.longitudinal + turning**2 * x.value,
         s.moving,
     )
-    size = MATERIAL[name].size
+    material = MATERIAL[name].size * size
     known_x, known_y = sensors.imu_position
     left, text = known_y, "the IMU is ahead of odometry's reference point"
     if along is not None:
         y = along.estimate(0)
-        if abs(y.value - known_y) >= max(size, SIGNIFICANCE * y.standard_error):
+        if abs(y.value - known_y) >= max(material, SIGNIFICANCE * y.standard_error):
             left = y.value
             text += f" and {left:.2f} m to the left"
-    proposal = [round(x.value, 2), round(left, 2)]
+    proposal = [round(x.value, 3), round(left, 3)]
     return judged(
-        name, x, known_x, f"{text}, in m", evidence, parameters={"imu_position": proposal}
-    )
+        name, x, known_x, f"{text}, in m", evidence,
+        parameters={"imu_position": proposal}, scale=size,
+    )  # fmt: skip
 
 
 def _design(s: Signals, turning: FloatArray) -> FloatArray:

@@ -21,18 +21,23 @@ from adk_ros.calibration.grid import Signals
 from adk_ros.calibration.regression import Regression, regress
 from adk_ros.numerics.arrays import FloatArray, IntArray
 from adk_ros.numerics.constants import GRAVITY
+from adk_ros.numerics.similarity import time_scale
 
 _MIN_COSINE = 0.85
 """Cosine of 32°, the steepest bank of an oval (Talladega: 33°)."""
 
 
-def check_odometry_scale(s: Signals) -> Iterator[Finding]:
-    """Yield the scale of v_x against the pose, and against the accelerometer."""
+def check_odometry_scale(s: Signals, size: float = 1.0) -> Iterator[Finding]:
+    """
+    Yield the scale of v_x against the pose, and against the accelerometer.
+
+    :param size: scale of the car's lengths (`numerics.similarity`).
+    """
     if s.v_x is None:
         return
     by_pose = _scale_by_pose(s)
     yield by_pose
-    yield _scale_by_acceleration(s, by_pose.verdict is Verdict.OK)
+    yield _scale_by_acceleration(s, by_pose.verdict is Verdict.OK, size)
 
 
 def check_yaw_rates(s: Signals) -> Iterator[Finding]:
@@ -87,7 +92,7 @@ def distances(
     return np.column_stack([moved, ends]), driven, weights, block_s
 
 
-def _scale_by_acceleration(s: Signals, is_speed_right: bool) -> Finding:
+def _scale_by_acceleration(s: Signals, is_speed_right: bool, size: float) -> Finding:
     name = "acceleration_scale"
     if s.a is None or s.longitudinal is None:
         return not_decidable(name, "the recording has no accelerometer or no velocity")
@@ -95,7 +100,7 @@ def _scale_by_acceleration(s: Signals, is_speed_right: bool) -> Finding:
     starts, weights = blocks_of(s)
     change = change_over(s.v_x, starts)
     usual = float(np.sqrt(weights @ change**2 / max(float(weights.sum()), 1.0)))
-    if usual < MIN_SPEED_CHANGE:
+    if usual < MIN_SPEED_CHANGE * time_scale(size):
         reason = f"the speed changes by {usual:.2f} m/s (RMS) in {BLOCK_S:g} s only"
         return not_decidable(name, reason)
     coupling = integral_over(s.longitudinal - np.gradient(s.v_x, PERIOD_S), starts)

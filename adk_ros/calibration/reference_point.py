@@ -21,6 +21,7 @@ from adk_ros.calibration.grid import Signals
 from adk_ros.calibration.regression import Estimate, Regression, regress
 from adk_ros.calibration.steering_fit import sideways_is_measured
 from adk_ros.numerics.arrays import FloatArray
+from adk_ros.numerics.similarity import length_scale
 from adk_ros.plant.vehicle.vehicle_parameters import Dimensions
 from adk_ros.signals.decode import SensorConfig
 
@@ -83,7 +84,7 @@ def _point(length: Estimate, sensors: SensorConfig, vehicle: Dimensions | None) 
         )
     # The configured reference point is where the centre of gravity lies from the twist's point.
     nominal = vehicle.cg_to_rear_axle - sensors.reference_point[0]
-    ahead = round(vehicle.cg_to_rear_axle - length.value, 2)
+    ahead = round(vehicle.cg_to_rear_axle - length.value, 3)
     return judged(
         _POINT,
         length,
@@ -91,6 +92,7 @@ def _point(length: Estimate, sensors: SensorConfig, vehicle: Dimensions | None) 
         "odometry's twist is that of a point ahead of the rear axle by, in m",
         _EVIDENCE,
         parameters={_POINT: [ahead, sensors.reference_point[1]]},
+        scale=length_scale(vehicle.cg_to_front_axle + vehicle.cg_to_rear_axle),
     )
 
 

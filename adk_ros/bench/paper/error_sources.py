@@ -71,7 +71,7 @@ class EstimatedStartOracle:
 
 def estimated_states(model: KoopmanModel, record: Record, count: int) -> FloatArray:
     """Return the observer's states (n, 3) in the first `count` rows, elsewhere the measured."""
-    states = record.x.copy()
+    states: FloatArray = record.x.copy()
     predictor = Predictor(model)
     for row in range(count):
         if predictor.step(sample_at(record, row), with_horizon=False) is not None:
