@@ -190,8 +190,9 @@ def explain(
     :param vehicle: nominal vehicle of the simulation, YAML or a packaged name; only with a bag of
         the simulator. Default: mass estimated from the bag, wheel radius 0.325 m.
     :param out: folder for the report; default: none, see `MismatchExplanation.write`.
-    :param held_out: further bags of the same car, on which the improvement is measured. Default:
-        the last quarter of each recording, which is then left out of every selection.
+    :param held_out: further bags of the same car, which measure the improvement, can withdraw
+        claims and decide what is exported. Default: the last quarter of each recording, which is
+        then left out of every selection.
     :param ask: effects of the catalogue, to be answered why they are claimed or not.
     :param without_imu: accept a recording without an IMU and use odometry only.
     :param options: how to read the bags, see `recording_options`.

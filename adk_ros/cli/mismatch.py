@@ -50,8 +50,10 @@ def mismatch(
     held_out: Annotated[
         list[Path] | None,
         typer.Option(
-            help="another bag of the same car, to measure the improvement on (repeatable). "
-            "Default: the last quarter of each recording, which the measured fit excludes"
+            help="another bag of the same car (repeatable), which measures the improvement, can "
+            "withdraw claims and decides what is exported. Effects are then chosen on all of the "
+            "recordings, a weak formula is not claimed, and several effects are not confirmed one "
+            "by one. Default: the last quarter of each recording, which the measured fit excludes"
         ),
     ] = None,
     ask: Annotated[

@@ -3,8 +3,9 @@
 """
 Claims that held-out data take back.
 
-What is claimed of an unknown cause is withdrawn where it leaves most of the error, and effects of
-the vehicle where the error was explained without them and their correction raises another.
+What is claimed of an unknown cause is withdrawn where it leaves most of the error. Effects of the
+vehicle, and a formula where noise may explain the recording without it, are withdrawn where every
+error was explained without them and their correction raises one.
 """
 
 from __future__ import annotations
@@ -60,7 +61,7 @@ def is_refuted(decision: Decision, validation: Validation) -> bool:
 
 def is_contradicted(decision: Decision, validation: Validation) -> bool:
     """
-    Whether held-out errors speak against what is claimed of the vehicle and explains a recording.
+    Whether held-out errors speak against effects that explain a recording, or a weak formula.
 
     They do where noise, build tolerance and the surrogate's own error explained every error before
     the correction, and this raises one beyond chance, so that nothing is exported.

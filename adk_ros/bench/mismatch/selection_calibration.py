@@ -5,8 +5,9 @@ Calibration of the selection: what effects gain that are present, and effects th
 
 A gain is given as a share of the one required (`MIN_GAIN` and its shares), an excess loss as a
 share of the one that counts as explained (`MAX_EXCESS_PER_NOISE`, `MAX_EXCESS_PER_NULL_EXCESS`).
-Each should be below 1 on one side and above 1 on the other. An effect that is the best on a clean
-case, or the next after all effects of the label, is absent.
+Each should be below 1 on one side and above 1 on the other, except that a formula of an unlisted
+effect may be found below it. An effect that is the best on a clean case, or the next after all
+effects of the label, is absent.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Errors of open-loop predictions on data that no hypothesis has seen, and what they should be.
+Errors of open-loop predictions on data that no hypothesis is fitted to, and what they should be.
 
 A correct model still errs: by the measurement noise of its start and of the comparison, by what
 the surrogate cannot reproduce of the simulator, and by the build tolerances of the car

@@ -5,8 +5,8 @@ Confirmation of each of several effects, and of a weak formula, on held-out data
 
 Next to a large effect whose equation is inexact, a small one may fit what is left of the training
 part without being present. Present effects gain on held-out data in proportion to their share of
-it; those that gain less than a quarter of that are dropped. So is a formula where noise may be all
-that is left without it.
+it; those that gain less than a quarter of that are dropped. The same is asked of a formula where
+noise may explain the recording without it, in proportion to the squares of what it changes.
 """
 
 from __future__ import annotations
@@ -59,8 +59,9 @@ def is_formula_confirmed(
     Whether a formula gains on held-out data in proportion to what it changes there.
 
     For one that is claimed where `null`, without it, leaves no more than noise may: the errors of
-    the predictions cannot refute it. False with nothing held out, true where chance may gain as
-    much as the formula would (`PENALTY_PER_PARAMETER`).
+    the predictions are explained without it, so `withdrawal.is_refuted` does not apply; they can
+    still contradict it. False with nothing held out, true where chance may gain as much as the
+    formula would (`PENALTY_PER_PARAMETER`).
     """
     held_out = training.held_out_bins()
     if not (whole.weights[:, held_out] > 0.0).any():

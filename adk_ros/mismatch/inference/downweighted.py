@@ -3,10 +3,10 @@
 """
 Episodes of residuals beyond the Huber threshold, alone or as a mean.
 
-A Gaussian residual, or the mean of some (`lasting_residuals`), exceeds eight standard deviations
-with a probability of 1e-15, so that in a recording of any length none is expected. What exceeds
-them is a disturbance that acts rarely, a fault of a sensor, or what the surrogate already gets
-wrong about the simulation. The last is counted there (`downweighted_episodes`).
+A white Gaussian residual, or the mean of some (`lasting_residuals`), exceeds eight standard
+deviations with a probability of 1e-15, so that in a recording of any length none is expected. What
+exceeds them is a disturbance that acts rarely, a fault of a sensor, or what the surrogate already
+gets wrong about the simulation. The last is counted there (`downweighted_episodes`).
 
 The error of the surrogate's time step raises the threshold on the recording and on the simulation
 (`surrogate.timing_error`).
@@ -241,7 +241,7 @@ def with_episodes(
 
 
 def note_on(hidden: Downweighted | None) -> list[str]:
-    """Return a note on downweighted residuals, if there are any."""
+    """Return a note on the residuals beyond eight standard deviations, if there are any."""
     if hidden is None:
         return []
     sigmas = f"{HUBER_THRESHOLD:g} standard deviations"

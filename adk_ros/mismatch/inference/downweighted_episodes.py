@@ -52,7 +52,9 @@ class Episode(NamedTuple):
 @dataclass(frozen=True)
 class Downweighted:
     """
-    Residuals of a recording beyond what noise causes; `episodes` by time.
+    Residuals of a recording, or means of some, beyond what noise causes; `episodes` by time.
+
+    The name is older than the means, whose residuals the loss does not downweight.
 
     `seconds`: their duration, of each at least one; `simulated`: the same of the simulation;
     `exposure`: duration of the recordings over that of the simulation; `recordings`: their number.

@@ -3,8 +3,9 @@
 """
 The choice between effects of the catalogue and a formula of features.
 
-Effects that leave no more than noise may are compared with formulas only where one of these could
-fit better; what they leave beyond that is described by a formula alone or next to them.
+Every set of effects is compared with a formula of plain features. Features with searched
+parameters are tried as well, except next to a single effect, not at its bound, that leaves no more
+than noise may. What effects leave beyond that is described by a formula alone or next to them.
 """
 
 from __future__ import annotations
@@ -77,8 +78,8 @@ def unmodelled_dynamics(
         is_claim = found.terms and not _is_immaterial(found, path)
         return (found, found) if is_claim else (None, None)
     at_bound = _is_at_bound(best)
-    # No expression fits better than one effect that leaves only noise: do not search for it. What
-    # a large effect leaves may be small next to it, and far above noise.
+    # No expression fits better than one effect that leaves only noise: search for no parameters of
+    # features. What a large effect leaves may be small next to it, and far above noise.
     suffices = (
         len(best.effects) == 1
         and not at_bound

@@ -5,7 +5,8 @@ Residuals that are unusual together: their mean over a fraction of a second is b
 
 A weak pulse of some tenths of a second may leave no single residual beyond the Huber threshold,
 while the mean over its duration, whose standard deviation falls with the root of the number, is
-far beyond it.
+far beyond it. Whitening leaves some correlation: on clean generated recordings such means reach
+six standard deviations, and on those with weak gusts thirteen.
 """
 
 from __future__ import annotations

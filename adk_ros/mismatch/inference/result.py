@@ -96,8 +96,11 @@ class IdentifiedEffect:
 @dataclass(frozen=True)
 class UnexplainedResidual:
     """
-    What unmodelled dynamics depend on; `share` of the excess loss before any effect.
+    What unmodelled dynamics depend on.
 
+    `share`: of a formula, of the excess loss before any effect; of episodes alone, of the loss
+    above that of noise; of a held-out error, of its square above the expected one; 1 where a claim
+    was withdrawn, or where noise may explain the recording without the formula.
     `meaning`: the terms as masses, forces and shares, where they have such a meaning.
     """
 

@@ -12,7 +12,8 @@ at least
 - `MIN_GAIN_PER_NULL_EXCESS` of the excess loss before any effect: of all channels, or of the
   longitudinal or the lateral ones where no effect before it acts in that direction,
 - `MIN_GAIN_PER_SURROGATE_ERROR` of the surrogate error, the first one
-  `MIN_FIRST_GAIN_PER_SURROGATE_ERROR`.
+  `MIN_FIRST_GAIN_PER_SURROGATE_ERROR`, and a further one
+  `MIN_FURTHER_GAIN_PER_SURROGATE_ERROR` where those before leave no more than a perfect model.
 
 `library.criteria` gives their reasons.
 """

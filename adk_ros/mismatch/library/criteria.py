@@ -90,7 +90,8 @@ the blocks (`inference.block_scores.BLOCK_S`) of four and a half minutes.
 MIN_FIRST_GAIN = 11.0
 """
 Least penalised gain in loss of a first effect. In white noise, chance exceeds it in one of a
-thousand recordings, so that no false alarm is expected in a hundred: a chi-square of 19, with
+thousand recordings of three minutes, so that no false alarm is expected in a hundred (in half an
+hour there are ten times as many onsets, and it is one of 400): a chi-square of 19, with
 `PENALTY_PER_PARAMETER`, among some 40 parameters of effects that act throughout (5e-4), of 27,
 with `PENALTY_PER_LOCATION`, among 1000 pairs of effect and onset (2e-4), or of 35 among 450 places
 (1e-6). Neighbouring onsets are correlated, so that this is an upper estimate. For what whitening
@@ -160,7 +161,9 @@ INDISTINGUISHABLE_LOSS = 2.0 * math.log(SIGNIFICANT_ODDS)
 """
 A competing effect within this loss of the identified one, tempered as in `inference.confidence`,
 is indistinguishable from it: the likelihood ratio is below `SIGNIFICANT_ODDS`. The credible set of
-`inference.final_estimate` adds others that are still probable.
+`inference.final_estimate` adds others that are still probable. Untempered, it is also what a
+formula must be better by than an effect below its materiality threshold, where noise may be all
+that is left.
 """
 INDISTINGUISHABLE_LOSS_SHARE = 2e-4
 """
@@ -196,8 +199,8 @@ FEATURE_MIN_GAIN = 60.0
 Least gain of a feature. In white noise, chance exceeds a chi-square of two degrees of freedom of
 29 (an amplitude and a phase) anywhere among some 1e5 formulas in one of 20 recordings: 4
 equations, 550 plain and modified features, and the oscillations that four minutes and some
-kilometres resolve. It is doubled, by choice, for what whitening leaves correlated: in white noise
-formulas keep the rate of false alarms that `FAMILYWISE_ERROR_RATE` allows effects.
+kilometres resolve, the rate that `FAMILYWISE_ERROR_RATE` allows effects. It is doubled, by choice,
+for what whitening leaves correlated.
 """
 FEATURE_MIN_GAIN_PER_EXCESS = 0.08
 """
@@ -208,7 +211,8 @@ FEATURE_MAJORITY_SHARE = 0.5
 """
 A feature that gains this share of the excess loss that is left is accepted as well: one that
 explains most of it is no accident, however much the features before it explain. Calibrated to a
-factor of two.
+factor of two. Episodes with more than this share of the loss above that of noise describe what is
+unexplained; by choice.
 """
 FEATURE_COEFFICIENT_BOUND = 20.0
 """
@@ -278,11 +282,15 @@ chance. Convention; Bonferroni's inequality divides it by their number.
 """
 MAX_EXCESS_PER_NOISE = 0.04
 """
-Effects leave nothing unexplained where the excess loss is below this share of a perfect model's
-loss; without effects, only a formula that gains enough is missing. Calibrated.
+Below this share of a perfect model's loss the excess loss is small: effects need no formula next
+to them, and without effects a formula is claimed only if held-out data confirm it. Calibrated for
+effects. A single effect below it is not compared with features of searched parameters.
 """
 MAX_EXCESS_PER_NULL_EXCESS = 0.06
-"""The same, as a share of the excess loss before any effect. Calibrated."""
+"""
+The excess loss is also small below this share of that before any effect; features of searched
+parameters are then still compared. Calibrated.
+"""
 MAX_UNSTRUCTURED_EXCESS = 0.35
 """
 Share of the excess loss before any effect that effects may leave where no feature reduces it; the
@@ -297,7 +305,8 @@ quarter to the variance.
 FEATURE_PREFERENCE_RATIO = 1.5
 """
 An expression without effects is preferred if its excess loss is less than this multiple of that of
-effects with an expression. Calibrated to a factor of two.
+effects with an expression, or of `MAX_EXCESS_PER_NOISE` if that is more; one with searched
+parameters must also have a lower penalised loss than the effects. Calibrated to a factor of two.
 """
 REPLACEMENT_LOSS = 8.0
 """
@@ -379,8 +388,9 @@ Convention.
 MIN_CONFIRMED_SHARE = 0.25
 """
 Least gain of one of several effects on held-out data, as a share of its gain on the training part
-in proportion to the time that it acts; and of a formula next to which noise may be all that is
-left, in proportion to the squares of what it changes. Calibrated to a factor of two.
+in proportion to the time that it acts; and of a formula where noise may explain the recording
+without it, in proportion to the squares of what it changes. Calibrated to a factor of two for
+effects, and taken over for formulas, by choice.
 """
 MIN_ACTIVE_S = 2.0
 """

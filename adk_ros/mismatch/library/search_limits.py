@@ -21,7 +21,7 @@ MAX_REFITS = 6
 """Hypotheses of one size that are fitted jointly."""
 PRUNING_SHARE_SINGLE = 0.25
 """
-Candidates for a first effect with a linearised gain below this share of the required gain are not
+Candidates for a first effect with a linearised gain below this share of `MIN_FIRST_GAIN` are not
 fitted.
 """
 PRUNING_SHARE = 0.4

@@ -34,7 +34,7 @@ def trend_labels(result: MismatchResult) -> tuple[str, str]:
 def model_labels(result: MismatchResult) -> tuple[str, str]:
     """Return the labels of the open-loop predictions: of the simulation, and as corrected."""
     if result.verdict == NONE:
-        return SIMULATION, _WITHIN_TOLERANCE
+        return SIMULATION, _NOT_CORRECTED
     return SIMULATION, "corrected vehicle model" if _is_exported(result) else _NOT_CORRECTED
 
 
