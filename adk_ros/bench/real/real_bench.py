@@ -3,8 +3,9 @@
 """
 Run `adk bench real`: what is said of real recordings of which something is known.
 
-Faults are injected into the readings, terms are removed from a model of the car, conditions have
-changed between two recordings, the attitude is withheld, and what comes next is predicted.
+Commands answer what they can of each, faults are injected into the readings, terms are removed
+from a model of the car, conditions have changed between two recordings, the attitude is withheld,
+and what comes next is predicted.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from pathlib import Path
 
 from adk_ros.bags.recording import RecordingOptions
 from adk_ros.bench.paper.training_jobs import BenchPlan
+from adk_ros.bench.real.answers import Answer, answers
 from adk_ros.bench.real.changed_conditions import (
     CONDITIONS_FILE,
     ConditionOutcome,
@@ -42,8 +44,8 @@ from adk_ros.mismatch.report.summary import sentence
 
 OTHER_COURSE = "pair, other course"
 """Kind of a comparison with a recording of another course, whose slope, bank and speeds differ."""
-PARTS = ("faults", "terms", "conditions", "slopes", "predictions")
-FAULTS, TERMS, CONDITIONS, SLOPES, PREDICTIONS = PARTS
+PARTS = ("answers", "faults", "terms", "conditions", "slopes", "predictions")
+ANSWERS, FAULTS, TERMS, CONDITIONS, SLOPES, PREDICTIONS = PARTS
 """What the benchmark consists of."""
 VEHICLE_FILE = "vehicle.yaml"
 """Mass and wheelbase of a vehicle, in the folder of its recordings."""
@@ -76,7 +78,8 @@ class RealBench:
     Outcomes of all comparisons.
 
     `terms`: of removed terms, `conditions`: of changes between two recordings, `slopes`: of
-    withheld attitudes, `predictions`: ratios to the naive predictors.
+    withheld attitudes, `predictions`: ratios to the naive predictors, `answers`: what commands say
+    of each recording.
 
     `left_out`: faults that a comparison, and terms that a recording cannot show, by "vehicle,
     comparison". `refused`: a line for each recording or comparison that could not be used.
@@ -89,6 +92,7 @@ class RealBench:
     conditions: list[ConditionOutcome] = field(default_factory=list)
     slopes: list[SlopeOutcome] = field(default_factory=list)
     predictions: list[RatioOutcome] = field(default_factory=list)
+    answers: list[Answer] = field(default_factory=list)
 
 
 def bench_real(
@@ -115,6 +119,8 @@ def bench_real(
             load_pairs(paths[0].parent)
     if FAULTS in selected:
         out = _with_faults(bags, sizes, report)
+    if ANSWERS in selected:
+        out = replace(out, answers=_answers(bags, report))
     if TERMS in selected:
         out = _with_terms(out, bags, report)
     if CONDITIONS in selected:
@@ -126,6 +132,19 @@ def bench_real(
         predictions = prediction_outcomes(bags, plan or BenchPlan(seeds=1), refused, report)
         out = replace(out, predictions=predictions, refused=refused)
     return out
+
+
+def _answers(bags: dict[str, list[Path]], report: Progress) -> list[Answer]:
+    """Return what the commands say of each recording."""
+    found: list[Answer] = []
+    count, done = sum(map(len, bags.values())), 0
+    for vehicle, paths in bags.items():
+        file = paths[0].parent / VEHICLE_FILE
+        for path in paths:
+            found += answers(vehicle, path, file if file.is_file() else None)
+            done += 1
+            report(done, count)
+    return found
 
 
 def _with_terms(result: RealBench, bags: dict[str, list[Path]], report: Progress) -> RealBench:

@@ -67,7 +67,16 @@ def criteria(result: RealBench) -> list[Criterion]:
         *_of_conditions(result),
         *_of_slopes(result),
         *_of_predictions(result),
+        *_of_answers(result),
     ]
+
+
+def _of_answers(result: RealBench) -> list[Criterion]:
+    refused = [x for x in result.answers if x.is_refused and not x.may_be_refused]
+    return [
+        Criterion("refusals of recordings that are long enough", float(len(refused)), "0",
+                  bool(result.answers) and not refused, len(result.answers)),
+    ]  # fmt: skip
 
 
 def _of_faults(result: RealBench) -> list[Criterion]:
@@ -159,6 +168,7 @@ def as_dict(result: RealBench) -> dict[str, object]:
         "conditions": [x.as_dict() for x in result.conditions],
         "slopes": [x.as_dict() for x in result.slopes],
         "predictions": [x.as_dict() for x in result.predictions],
+        "answers": [x.as_dict() for x in result.answers],
         "untouched": [x.as_dict() for x in untouched(result)],
         "criteria": [asdict(x) | {"verdict": x.verdict} for x in criteria(result)],
         "left_out": result.left_out,

@@ -150,7 +150,7 @@ def test_scores_and_criteria() -> None:
     total = score("all", [*nine, missed])
     assert (total.named, total.median_error, total.left_open) == pytest.approx((0.9, 0.08, 0.1))
     result = RealBench([*nine, missed, elsewhere, clean], {}, [])
-    assert [x.verdict for x in criteria(result)] == ["PASS"] * 3 + ["NONE"] * 9
+    assert [x.verdict for x in criteria(result)] == ["PASS"] * 3 + ["NONE"] * 10
     assert [x.group for x in scores_by(result.outcomes, lambda x: x.kind)] == [
         "halves",
         OTHER_COURSE,

@@ -154,8 +154,8 @@ def test_scores_and_criteria_of_terms_and_slopes() -> None:
         return [x.verdict for x in criteria(result)]
 
     none, passed = ["NONE"], ["PASS"]
-    # Of faults, terms, changed conditions, slopes and predictions.
-    assert verdicts(outcome(), nothing) == 3 * none + 3 * passed + 2 * none + 2 * passed + 2 * none
+    # Of faults, terms, changed conditions, slopes, predictions and answers.
+    assert verdicts(outcome(), nothing) == 3 * none + 3 * passed + 2 * none + 2 * passed + 3 * none
     assert verdicts(missed, nothing)[3:5] == ["FAIL", "FAIL"]
     claimed = replace(nothing, false_claims=("formula",))
     assert verdicts(outcome(), claimed)[5] == "FAIL"
