@@ -18,7 +18,7 @@ IMU, ODOMETRY, COMMAND = "imu", "odometry", "command"
 
 ACCELERATION = "m/s^2"
 SPEED, RATE, ANGLE, LENGTH = "m/s", "rad/s", "rad", "m"
-TORQUE, PRESSURE, SHARE, DEGREE = "N m", "Pa", "1", "deg"
+TORQUE, PRESSURE, SHARE, DEGREE, CURVATURE = "N m", "Pa", "1", "deg", "1/m"
 
 QUANTITIES = {
     ACCELERATION: "an acceleration, such as m/s^2 or g",
@@ -30,6 +30,7 @@ QUANTITIES = {
     PRESSURE: "a pressure, such as bar",
     SHARE: "a share or number, such as 1 or %",
     DEGREE: "an angle, such as deg",
+    CURVATURE: "a curvature, such as 1/m",
 }
 """SI unit -> what the unit of a source must measure, for messages."""
 
@@ -80,6 +81,7 @@ CHANNELS: dict[str, Channel] = {
             for at in pair
         ),
         *(Channel(f"wheel_speed_{axle}", RATE, "", _AXLE) for axle in AXLES),
+        Channel("curvature", CURVATURE, "", "of the path, left positive; for computed.yaw_rate"),
         Channel("motor_speed", RATE, "", "speed of rotation of the engine or motor"),
         Channel("brake_pressure", PRESSURE, "", "brake pressure"),
         Channel("throttle", SHARE, "", "position of the accelerator pedal, 0 to 1"),

@@ -48,6 +48,10 @@ def with_computed(
         given["v_x"] = made
     elif "v_x" not in given:
         _suggest(given, notes)
+    if import_map.computed.yaw_rate is not None:
+        given["odometry_yaw_rate"] = _yaw_rate(given, notes)
+        # No message has a curvature, and the yaw rate has all of it.
+        del given["curvature"]
     if import_map.computed.v_y is not None:
         given["v_y_estimated"] = _sideslip(given, import_map.computed.v_y, notes)
     if import_map.computed.position is not None:
@@ -71,6 +75,19 @@ def _from_gps(given: dict[str, SourceChannel]) -> SourceChannel:
     stream = MessageStream(speed.stamp_ns, {})
     values = speed.values * direction(given, stream, speed.values)
     return computed_channel("v_x", "gps_speed", stream, values)
+
+
+def _yaw_rate(given: dict[str, SourceChannel], notes: list[str]) -> SourceChannel:
+    """Return the yaw rate of a path of this curvature, at the stamps of v_x."""
+    v_x = given["v_x"]
+    curvature, known = at_stamps(
+        "odometry_yaw_rate", given["curvature"], v_x.stamp_ns, "v_x", notes
+    )
+    stream = MessageStream(v_x.stamp_ns[known], {})
+    if not len(stream):
+        raise DataError("computed.yaw_rate: curvature and v_x have no common time")
+    values = curvature[known] * v_x.values[known]
+    return computed_channel("odometry_yaw_rate", "curvature, v_x", stream, values)
 
 
 def _sideslip(

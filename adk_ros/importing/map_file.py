@@ -81,11 +81,13 @@ class FileMap(FileModel):
     How to read one file, where that differs from the others or is not detected.
 
     `rows`: first and last row of the table that is read, from 1, without headings: one of several
-    drives that the file has in sequence.
+    drives that the file has in sequence. `every`: of these, every so many-th row is read, without
+    an average of the others.
     """
 
     time: TimeMap | None = None
     rows: Annotated[list[_Row], Field(min_length=2, max_length=2)] | None = None
+    every: Annotated[int, Field(ge=1, le=10_000)] = 1
     delimiter: Annotated[str, BeforeValidator(_delimiter), Field(min_length=1, max_length=1)] | (
         None
     ) = None
@@ -123,6 +125,12 @@ class PositionMap(FileModel):
     """How x and y are computed: from the latitude and longitude of a GPS receiver."""
 
     from_: Annotated[Literal["gps"], Field(alias="from")]
+
+
+class YawRateMap(FileModel):
+    """How odometry's yaw rate is computed: curvature of the path times v_x."""
+
+    from_: Annotated[Literal["curvature"], Field(alias="from")]
 
 
 class SideslipMap(FileModel):
@@ -209,6 +217,7 @@ class ComputedMap(FileModel):
 
     v_x: VelocityMap | None = None
     v_y: SideslipMap | None = None
+    yaw_rate: YawRateMap | None = None
     torque: TorqueMap | None = None
     position: PositionMap | None = None
 
@@ -281,6 +290,7 @@ def _check_computed(name: str, loaded: ImportMap) -> None:
         _check_velocity(name, loaded, loaded.computed.v_x)
     if loaded.computed.v_y is not None:
         _check_sideslip(name, loaded)
+    _check_yaw_rate(name, loaded)
     if loaded.computed.torque is not None:
         _check_torque(name, loaded, loaded.computed.torque)
     if loaded.computed.position is not None:
@@ -299,6 +309,22 @@ def _check_position(name: str, loaded: ImportMap) -> None:
         raise UsageError(f"{place}: needs v_x, in channels or computed")
 
 
+def _check_yaw_rate(name: str, loaded: ImportMap) -> None:
+    place = f"{name}: computed.yaw_rate"
+    if loaded.computed.yaw_rate is None:
+        if "curvature" in loaded.channels:
+            raise UsageError(f"{place}: channels.curvature needs 'yaw_rate: {{from: curvature}}'")
+        return
+    if "odometry_yaw_rate" in loaded.channels:
+        raise UsageError(
+            f"{place}: channels.odometry_yaw_rate is given as well: leave out one of them"
+        )
+    if "curvature" not in loaded.channels:
+        raise UsageError(f"{place}: needs channels.curvature")
+    if "v_x" not in loaded.channels and loaded.computed.v_x is None:
+        raise UsageError(f"{place}: needs v_x, in channels or computed")
+
+
 def _check_sideslip(name: str, loaded: ImportMap) -> None:
     place = f"{name}: computed.v_y"
     for other in ("v_y", "v_y_estimated"):
@@ -306,7 +332,8 @@ def _check_sideslip(name: str, loaded: ImportMap) -> None:
             raise UsageError(f"{place}: channels.{other} is given as well: leave out one of them")
     if "v_x" not in loaded.channels and loaded.computed.v_x is None:
         raise UsageError(f"{place}: needs v_x, in channels or computed")
-    if not {"yaw_rate", "odometry_yaw_rate"} & loaded.channels.keys():
+    has_rate = bool({"yaw_rate", "odometry_yaw_rate"} & loaded.channels.keys())
+    if not has_rate and loaded.computed.yaw_rate is None:
         raise UsageError(f"{place}: needs channels.yaw_rate")
 
 

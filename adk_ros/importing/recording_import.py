@@ -88,13 +88,13 @@ def read_channels(
     tables = open_tables(files, import_map.files, databases, notes)
     channels = source_channels(tables, import_map, map_name, notes)
     notes += _losses(channels)
+    used: set[tuple[str, str | None]] = {(channel.table, channel.column) for channel in channels}
     channels = with_computed(channels, import_map, map_name, notes)
     outcome = topics_of(channels, notes)
     outcome.topics = [topic for topic in outcome.topics if len(topic.stream)]
     if not outcome.topics:
         reasons = "; ".join(f"{name}: {why}" for name, why in outcome.left_out.items())
         raise DataError(f"{map_name}: no message can be written: {reasons or 'no common time'}")
-    used: set[tuple[str, str | None]] = {(channel.table, channel.column) for channel in channels}
     times = [import_map.time, *(each.time for each in import_map.files.values())]
     used |= {
         (table.label, table.find(time.column))

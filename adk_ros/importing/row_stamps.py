@@ -55,7 +55,7 @@ def row_stamps(table: Table, import_map: ImportMap, notes: list[str]) -> RowStam
             f"{column_list(table.columns)}"
         )
     if time is not None and time.period is not None:
-        stamp_ns = _counted_stamps(table, time.period * TIME_UNITS[time.unit])
+        stamp_ns = _counted_stamps(table, table.every * time.period * TIME_UNITS[time.unit])
         known, is_absolute = np.ones(stamp_ns.shape[0], dtype=bool), False
     elif time is None or column is None:
         clock = table.clock()

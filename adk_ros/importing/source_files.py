@@ -53,9 +53,8 @@ def open_tables(
             database = load_databases(databases)
         options = options_of(path, files)
         opened = _open(path, options, database, notes)
-        tables += [
-            t if options.rows is None else t.part(options.rows[0], options.rows[1]) for t in opened
-        ]
+        first, last = options.rows or (1, None)
+        tables += [table.part(first, last, options.every) for table in opened]
     return tables
 
 

@@ -39,6 +39,7 @@ class Table:
     `name`: of the group, message or topic, empty if the file is one table. `columns`: their names
     in order. `units`: those that the file states, by column. `load(names)` returns the values of
     columns, numbers (n,) or texts. `clock()`: the stamps of the rows, None if a column has them.
+    `every`: rows of the file from one row to the next.
     """
 
     path: Path
@@ -47,6 +48,7 @@ class Table:
     load: Callable[[Sequence[str]], dict[str, NDArray[Any]]]
     units: dict[str, str] = field(default_factory=dict)
     clock: Callable[[], Clock | None] = lambda: None
+    every: int = 1
 
     @property
     def label(self) -> str:
@@ -65,9 +67,13 @@ class Table:
         ends = [name for name in self.columns if name.endswith((f".{column}", f"/{column}"))]
         return ends[0] if len(ends) == 1 else None
 
-    def part(self, first: int, last: int) -> Table:
-        """Return the table of rows `first` to `last`, both included, counted from 1."""
-        rows = slice(first - 1, last)
+    def part(self, first: int = 1, last: int | None = None, every: int = 1) -> Table:
+        """
+        Return the table of rows `first` to `last`, both included, counted from 1.
+
+        :param last: None: to the end. :param every: of these, every so many-th, from the first on.
+        """
+        rows = slice(first - 1, last, every)
 
         def load(columns: Sequence[str]) -> dict[str, NDArray[Any]]:
             return {name: values[rows] for name, values in self.load(columns).items()}
@@ -76,7 +82,7 @@ class Table:
             whole = self.clock()
             return None if whole is None else Clock(whole.stamp_ns[rows], whole.is_absolute)
 
-        return replace(self, load=load, clock=clock)
+        return replace(self, load=load, clock=clock, every=self.every * every)
 
 
 class Numbers(NamedTuple):

@@ -366,3 +366,72 @@ def test_a_missing_library_is_named_with_the_command(monkeypatch, tmp_path: Path
     monkeypatch.setitem(sys.modules, "can", None)
     with pytest.raises(UsageError, match="CAN logs needs python-can, which is not installed"):
         optional_library("can", "CAN logs", "python-can")
+
+
+def test_every_so_many_rows_are_read_at_their_times(tmp_path: Path) -> None:
+    path = write(tmp_path / "a.csv", rows(100))
+    stamps = {}
+    for name, time in (("column", TIME), ("period", {"period": 20, "unit": "ms"})):
+        files = {"a.csv": {"rows": [3, 90], "every": 4}}
+        result = take(path, tmp_path / name, time=time, files=files)
+        counts = {row["channel"]: row["count"] for row in result.content.rows()}
+        assert counts["v_x"] == 22
+        found = values_of(tmp_path / name, "/odometry", lambda msg: msg.twist.twist.linear.x)
+        np.testing.assert_allclose(
+            [v for _, v in found], 10.0 + 0.01 * np.arange(2, 90, 4), atol=1e-9
+        )
+        stamps[name] = np.diff([t for t, _ in found])
+    assert (stamps["column"] == 80_000_000).all()
+    assert (stamps["period"] == 80_000_000).all()
+    with pytest.raises(UsageError, match=r"files\.a\.csv\.every"):
+        take(path, tmp_path / "bag", files={"a.csv": {"every": 0}})
+
+
+def test_a_curvature_times_v_x_is_odometrys_yaw_rate(tmp_path: Path) -> None:
+    path = write(tmp_path / "a.csv", [f"{row},{-0.002 * i:g}" for i, row in enumerate(rows())],
+                 "t,v,d,m,k")  # fmt: skip
+    channels = CHANNELS | {"curvature": {"column": "k", "unit": "1/m", "sign": -1}}
+    computed = {"yaw_rate": {"from": "curvature"}}
+    result = take(path, tmp_path / "bag", channels=channels, computed=computed)
+    assert not any("no yaw rate" in note for note in result.notes)
+    assert result.content.unused == ()
+    found = values_of(tmp_path / "bag", "/odometry", lambda msg: msg.twist.twist.angular.z)
+    i = np.arange(200)
+    np.testing.assert_allclose([r for _, r in found], 0.002 * i * (10.0 + 0.01 * i), rtol=1e-9)
+    with Bag(tmp_path / "bag") as opened:
+        assert not any("curvature" in topic.name for topic in opened.topics)
+    # In km^-1 it is a thousandth.
+    channels["curvature"] = {"column": "k", "unit": "1/km", "sign": -1}
+    take(path, tmp_path / "bag", channels=channels, computed=computed)
+    found = values_of(tmp_path / "bag", "/odometry", lambda msg: msg.twist.twist.angular.z)
+    np.testing.assert_allclose([r for _, r in found], 2e-6 * i * (10.0 + 0.01 * i), rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("more", "computed", "said"),
+    [
+        (
+            {},
+            {"yaw_rate": {"from": "curvature"}},
+            r"computed\.yaw_rate: needs channels\.curvature",
+        ),
+        (
+            {"curvature": {"column": "m", "unit": "1/m"}},
+            {},
+            r"computed\.yaw_rate: channels\.curvature needs 'yaw_rate: \{from: curvature\}'",
+        ),
+        (
+            {
+                "curvature": {"column": "m", "unit": "1/m"},
+                "odometry_yaw_rate": {"column": "d", "unit": "rad/s"},
+            },
+            {"yaw_rate": {"from": "curvature"}},
+            r"channels\.odometry_yaw_rate is given as well",
+        ),
+        ({"curvature": {"column": "m", "unit": "m"}}, {"yaw_rate": {"from": "curvature"}}, "unit"),
+    ],
+)
+def test_a_curvature_needs_its_entry(tmp_path: Path, more: Any, computed: Any, said: str) -> None:
+    path = write(tmp_path / "a.csv", rows())
+    with pytest.raises(UsageError, match=said):
+        take(path, tmp_path / "bag", channels=CHANNELS | more, computed=computed)
