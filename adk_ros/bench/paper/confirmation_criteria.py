@@ -13,9 +13,11 @@ import numpy as np
 from adk_ros.bench.paper.cases import CLEAN, NOISY
 from adk_ros.bench.paper.criterion import FAIL, INFO, Criterion
 from adk_ros.bench.paper.interval_criteria import (
+    ComparedIntervals,
     compared_intervals,
     coverage_criterion,
     interval_score_criterion,
+    interval_width_criterion,
     pooled_intervals_coverage,
 )
 from adk_ros.bench.paper.predictors import (
@@ -61,8 +63,14 @@ def confirmation_criteria(board: ScoreTable, without: str = "") -> list[Criterio
         *(_ahead(board, name, without) for name in FAMILIES),
         _coverage(board, "coverage-known-commands", "intervals"),
         _coverage(board, "coverage-held-commands", "held"),
-        _interval_score(board, "interval-score-known-commands", "intervals"),
-        _interval_score(board, "interval-score-held-commands", "held"),
+        *(
+            judge(f"{name}-{commands}-commands", _compared(board, kind))
+            for name, judge in (
+                ("interval-width", interval_width_criterion),
+                ("interval-score", interval_score_criterion),
+            )
+            for commands, kind in (("known", "intervals"), ("held", "held"))
+        ),
     ]
 
 
@@ -133,7 +141,8 @@ def _coverage(board: ScoreTable, name: str, kind: str) -> Criterion:
     return coverage_criterion(name, found, "variant, horizon, channel")
 
 
-def _interval_score(board: ScoreTable, name: str, kind: str) -> Criterion:
+def _compared(board: ScoreTable, kind: str) -> list[ComparedIntervals]:
+    """Return the intervals of adk_ros and of the naive predictors, by variant and test."""
     tests = []
     for variant in board.variants():
         for test in board.tests():
@@ -146,7 +155,7 @@ def _interval_score(board: ScoreTable, name: str, kind: str) -> Criterion:
             ]
             if naive and items and all(x is not None for x in items):
                 tests.append(compared_intervals(items, naive))
-    return interval_score_criterion(name, tests)
+    return tests
 
 
 def by_horizon(board: ScoreTable) -> Criterion:

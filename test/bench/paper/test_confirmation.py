@@ -228,9 +228,9 @@ def test_what_is_not_measured_or_diverged_is_counted_rightly() -> None:
     assert np.isnan(nothing.score).all()
 
 
-def intervals(score: float, covered: int = 900) -> IntervalScore:
+def intervals(score: float, covered: int = 900, width: float = 0.9) -> IntervalScore:
     return IntervalScore(
-        np.full((5, 3), covered), np.full((5, 3), 1000), np.full((5, 3), 1.0),
+        np.full((5, 3), covered), np.full((5, 3), 1000), np.full((5, 3), width),
         np.full((5, 3), score),
     )  # fmt: skip
 
@@ -248,7 +248,7 @@ def verdicts(change: Callable[[str, str, str], dict[str, object]]) -> dict[str, 
             board.add(variant, test, PYKOOP, case_score(0.6))
     for (variant, test, name), items in board.scores.items():
         for i, item in enumerate(items):
-            filled = item if item.intervals else replace(item, intervals=intervals(1.0))
+            filled = item if item.intervals else replace(item, intervals=intervals(1.0, width=1.0))
             items[i] = replace(filled, **change(variant, test, name))  # type: ignore[arg-type]
     return {c.name: c.verdict for c in confirmation_criteria(board)}
 
@@ -256,7 +256,7 @@ def verdicts(change: Callable[[str, str, str], dict[str, object]]) -> dict[str, 
 def test_criteria() -> None:
     good = verdicts(lambda variant, test, name: {})
     assert set(good.values()) == {"PASS"}
-    assert len(good) == 11
+    assert len(good) == 13
 
     def failed(change: Callable[[str, str, str], dict[str, object]]) -> set[str]:
         return {name for name, verdict in verdicts(change).items() if verdict == "FAIL"}
@@ -280,6 +280,10 @@ def test_criteria() -> None:
     }
     assert failed(lambda v, t, n: {"intervals": intervals(1.5)} if n == ADK_ROS else {}) == {
         "interval-score-known-commands"
+    }
+    wide = intervals(0.5, width=1.1)
+    assert failed(lambda v, t, n: {"held": wide} if n == ADK_ROS else {}) == {
+        "interval-width-held-commands"
     }
 
 
