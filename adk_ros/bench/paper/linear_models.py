@@ -100,7 +100,7 @@ class LeastSquares:
 
     def _adapted(self, record: Record, rows: IntArray, settings: OnlineSettings) -> FloatArray:
         """Return the adapted theta at each row, (n, 3, 6)."""
-        solver = WindowedRidge(self.theta, settings)
+        solver = WindowedRidge(self.theta, settings, has_constant=True)
         kept = np.empty((rows.shape[0], *self.theta.shape))
         last = int(rows[-1]) if rows.size else 0
         phi = _phi(self.scaling, record.x[: last + 1], record.u[: last + 1])

@@ -24,7 +24,8 @@ class WindowArrays(NamedTuple):
 
     `theta` (m, n): the solution; `theta0` (m, n): offline model; `ridge` (1,); `n_pairs` (1,):
     pairs so far; `phis` (w, n), `ys` (w, m): those in the window, a ring buffer; `gram` (n, n),
-    `cross` (n, m): their sums of products; `work` (n, n), `right` (n, m): scratch.
+    `cross` (n, m): their sums of products; `work` (n, n), `right` (n, m + 1): scratch.
+    `offset_ridge` (m,): ridge of the last regressor, by output, at most `ridge`.
     """
 
     theta: FloatArray
@@ -37,6 +38,7 @@ class WindowArrays(NamedTuple):
     cross: FloatArray
     work: FloatArray
     right: FloatArray
+    offset_ridge: FloatArray
 
 
 @strict_kernel
@@ -53,6 +55,7 @@ def window_arrays(rows: IntArray) -> WindowArrays:
         floats_2(rows, 7),
         floats_2(rows, 8),
         floats_2(rows, 9),
+        floats_1(rows, 10),
     )
 
 
@@ -120,6 +123,11 @@ def windowed_update(phi: FloatArray, y: FloatArray, rows: IntArray) -> bool:
     theta = argmin sum |y_i - theta phi_i|^2 + ridge |theta - theta0|^2 over the window. The window
     stores y - theta0 phi, so that theta - theta0 is solved for. `rows`: see `window_arrays`.
     Return False if there is no finite solution.
+
+    The last regressor has a ridge of its own. With G the Gram matrix and its common ridge, e the
+    unit vector of that regressor and d the difference of the ridges (Sherman and Morrison, 1950),
+
+        (G - d e e')^-1 b = x + d w x_n / (1 - d w_n),  x = G^-1 b, w = G^-1 e
     """
     window = window_arrays(rows)
     theta, theta0, phis, ys = window.theta, window.theta0, window.phis, window.ys
@@ -140,11 +148,18 @@ def windowed_update(phi: FloatArray, y: FloatArray, rows: IntArray) -> bool:
     work[:] = window.gram
     for j in range(n_phi):
         work[j, j] += window.ridge[0]
-    right[:] = window.cross
+    right[:, :n_out] = window.cross
+    right[:, n_out] = 0.0
+    right[n_phi - 1, n_out] = 1.0
     if not cholesky_solve(work, right) > 0.0:
         return False
     total = 0.0
     for c in range(n_out):
+        freed = window.ridge[0] - window.offset_ridge[c]
+        if freed > 0.0:
+            freed *= right[n_phi - 1, c] / (1.0 - freed * right[n_phi - 1, n_out])
+            for j in range(n_phi):
+                right[j, c] += freed * right[j, n_out]
         for j in range(n_phi):
             theta[c, j] = theta0[c, j] + right[j, c]
             total += abs(theta[c, j])

@@ -80,6 +80,46 @@ def test_windowed_does_not_drift_in_ten_thousand_ticks(scale: float) -> None:
     assert np.abs(method.theta - method.batch_solution()).max() < 1e-9
 
 
+@pytest.mark.parametrize(("window", "ridge"), [(37, 1.0), (400, 300.0)])
+def test_the_constant_of_the_lateral_rows_is_hardly_penalised(window: int, ridge: float) -> None:
+    phi, y, _ = pairs(500)
+    phi[:, -1] = 1.0
+    theta0 = np.random.default_rng(1).normal(size=(N_Z, N_PHI))
+    method = WindowedRidge(theta0, OnlineSettings(window=window, ridge=ridge), has_constant=True)
+    for k in range(500):
+        method.update(phi[k], y[k])
+        if k % 50 != 3:
+            continue
+        last = slice(max(0, k + 1 - window), k + 1)
+        for row in range(N_Z):
+            penalty = np.full(N_PHI, ridge)
+            penalty[-1] *= 0.01 if row in (1, 2) else 1.0
+            gram = phi[last].T @ phi[last] + np.diag(penalty)
+            right = phi[last].T @ y[last, row] + penalty * theta0[row]
+            expected = np.linalg.solve(gram, right)
+            np.testing.assert_allclose(method.theta[row], expected, atol=1e-9)
+        np.testing.assert_allclose(method.theta, method.batch_solution(), atol=1e-9)
+    assert method.failures == 0
+
+
+def test_a_cross_slope_leaves_the_lateral_dynamics_as_they_are() -> None:
+    """Regressors that are not zero in the mean, as of a driven course, explain no constant."""
+    phi, _, theta = pairs(2000, noise=0.0)
+    phi[:, :-1] += 0.5
+    phi[:, -1] = 1.0
+    y = phi @ theta.T
+    y[:, 1] += 0.7
+    moved = {}
+    for has_constant in (False, True):
+        settings_ = OnlineSettings(window=2000, ridge=300.0)
+        method = WindowedRidge(theta, settings_, has_constant)
+        change = fold(method, phi, y) - theta
+        moved[has_constant] = float(np.abs(change[1, :-1]).max())
+        assert np.abs(np.delete(change, 1, axis=0)).max() < 1e-9
+    assert moved[True] < 0.01
+    assert moved[False] > 10.0 * moved[True]
+
+
 def test_windowed_recovers_from_an_outlier() -> None:
     """A regressor a thousand times too large comes and goes, and leaves nothing worth the name."""
     phi, y, _ = pairs(900)
