@@ -117,6 +117,24 @@ def read_bag(path: Path, progress: Progress | None = None) -> BagReading:
     return BagReading(scope, "", warnings, refusal)
 
 
+def with_reading(about: dict[str, Any], found: BagReading) -> dict[str, Any]:
+    """
+    Return `bag_content` with what reading the bag adds: scope, warnings, a refusal as verdict.
+
+    The scope is empty if no stream can be read. The reason is a warning, unless the verdict says
+    it already.
+    """
+    out = about | {"scope": found.scope}
+    if str(about["verdict"]).startswith("not"):
+        return out
+    warnings = [*about["warnings"], *found.warnings]
+    if found.unknown:
+        warnings.insert(0, f"what the recording allows is unknown: {found.unknown}")
+    if found.refusal:
+        out["verdict"] = f"not usable for training or replay: {found.refusal}"
+    return out | {"warnings": list(dict.fromkeys(warnings))}
+
+
 def bag_verdict(about: dict[str, Any]) -> str:
     """
     Return in a line whether a bag is usable, by its topics and by what its channels allow.

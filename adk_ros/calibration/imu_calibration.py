@@ -75,7 +75,7 @@ def _position(s: Signals, sensors: SensorConfig, size: float) -> Finding:
         y = along.estimate(0)
         if abs(y.value - known_y) >= max(material, SIGNIFICANCE * y.standard_error):
             left = y.value
-            text += f" and {left:.2f} m to the left"
+            text += f" and {left:.3g} m to the left"
     proposal = [round(x.value, 3), round(left, 3)]
     return judged(
         name, x, known_x, f"{text}, in m", evidence,

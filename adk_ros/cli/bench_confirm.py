@@ -56,8 +56,8 @@ def confirm(
         bool,
         typer.Option(
             "--sources",
-            help="also show where the errors come from: rows without adaptation, without all that "
-            "is learned online, and of the plant started from the estimated state",
+            help="also show where the errors come from: rows without windowed least squares, of "
+            "the offline model with its observer alone, and of the plant from the estimated state",
         ),
     ] = False,
     jobs: Annotated[int, typer.Option(help="processes, one thread each")] = 2,

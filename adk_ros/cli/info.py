@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -78,10 +78,11 @@ def _show_model(path: Path, public_keys: Path | None, as_json: bool) -> None:
 
 
 def _show_bag(path: Path, as_json: bool) -> None:
-    from adk_ros.api.info import bag_content, bag_verdict
+    from adk_ros.api.info import bag_content, bag_verdict, read_bag, with_reading
 
-    about = bag_content(path)
-    _read(path, about)
+    content = bag_content(path)
+    with console.stages() as progress:
+        about = with_reading(content, read_bag(path, progress))
     about["verdict"] = bag_verdict(about)
     if as_json:
         console.print_json(about)
@@ -105,24 +106,3 @@ def _show_bag(path: Path, as_json: bool) -> None:
     if about["scope"]:
         console.print_scope(about["scope"])
     console.output.print(f"  {about['verdict']}", markup=False)
-
-
-def _read(path: Path, about: dict[str, Any]) -> None:
-    """
-    Add to `about` what the recording allows, its "scope", and what training and replay warn of.
-
-    The scope is empty if no stream can be read. The reason is a warning, unless the verdict says
-    it already.
-    """
-    from adk_ros.api.info import read_bag
-
-    with console.stages() as progress:
-        found = read_bag(path, progress)
-    about["scope"] = found.scope
-    if str(about["verdict"]).startswith("not"):
-        return
-    if found.unknown:
-        console.warn_all([f"what the recording allows is unknown: {found.unknown}"])
-    if found.refusal:
-        about["verdict"] = f"not usable for training or replay: {found.refusal}"
-    about["warnings"] = list(dict.fromkeys([*about["warnings"], *found.warnings]))

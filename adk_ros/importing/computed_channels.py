@@ -49,7 +49,7 @@ def with_computed(
     elif "v_x" not in given:
         _suggest(given, notes)
     if import_map.computed.yaw_rate is not None:
-        given["odometry_yaw_rate"] = _yaw_rate(given, notes)
+        given["odometry_yaw_rate"] = _yaw_rate(given, map_name, notes)
         # No message has a curvature, and the yaw rate has all of it.
         del given["curvature"]
     if import_map.computed.v_y is not None:
@@ -77,7 +77,7 @@ def _from_gps(given: dict[str, SourceChannel]) -> SourceChannel:
     return computed_channel("v_x", "gps_speed", stream, values)
 
 
-def _yaw_rate(given: dict[str, SourceChannel], notes: list[str]) -> SourceChannel:
+def _yaw_rate(given: dict[str, SourceChannel], map_name: str, notes: list[str]) -> SourceChannel:
     """Return the yaw rate of a path of this curvature, at the stamps of v_x."""
     v_x = given["v_x"]
     curvature, known = at_stamps(
@@ -85,7 +85,11 @@ def _yaw_rate(given: dict[str, SourceChannel], notes: list[str]) -> SourceChanne
     )
     stream = MessageStream(v_x.stamp_ns[known], {})
     if not len(stream):
-        raise DataError("computed.yaw_rate: curvature and v_x have no common time")
+        raise DataError(f"{map_name}: computed.yaw_rate: curvature and v_x have no common time")
+    notes.append(
+        "odometry's yaw rate is curvature times v_x: without the rate of the sideslip, unless the "
+        "curvature was computed as yaw rate over v_x"
+    )
     values = curvature[known] * v_x.values[known]
     return computed_channel("odometry_yaw_rate", "curvature, v_x", stream, values)
 

@@ -81,7 +81,7 @@ class FileMap(FileModel):
     How to read one file, where that differs from the others or is not detected.
 
     `rows`: first and last row of the table that is read, from 1, without headings: one of several
-    drives that the file has in sequence. `every`: of these, every so many-th row is read, without
+    drives that the file has in sequence. `every`: of these, only every n-th row is read, without
     an average of the others.
     """
 

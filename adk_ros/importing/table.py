@@ -71,7 +71,7 @@ class Table:
         """
         Return the table of rows `first` to `last`, both included, counted from 1.
 
-        :param last: None: to the end. :param every: of these, every so many-th, from the first on.
+        :param last: None: to the end. :param every: of these, only every n-th, from the first on.
         """
         rows = slice(first - 1, last, every)
 

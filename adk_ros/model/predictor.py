@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from adk_ros.errors import UsageError
-from adk_ros.model.adaptation.online_methods import OnlineSettings, online_method
+from adk_ros.model.adaptation.online_methods import METHODS, OnlineSettings
 from adk_ros.model.candidate_commands import checked_commands, unpredictable
 from adk_ros.model.drivable import is_drivable
 from adk_ros.model.initial_errors import (
@@ -96,7 +96,7 @@ class Predictor:
             )
         self.model = model
         self.settings = online or model.online
-        self.online = online_method(model.theta0, self.settings, model.affine)
+        self.online = METHODS[self.settings.method](model.theta0, self.settings, model.affine)
         self.horizon_steps = horizon_steps
         self.max_coast_steps = max_coast_steps
         self._memory = TickMemory(model)

@@ -416,6 +416,11 @@ def test_a_curvature_times_v_x_is_odometrys_yaw_rate(tmp_path: Path) -> None:
             r"computed\.yaw_rate: needs channels\.curvature",
         ),
         (
+            {"curvature": {"column": "m", "unit": "1/m"}, "v_x": None},
+            {"yaw_rate": {"from": "curvature"}},
+            r"computed\.yaw_rate: needs v_x, in channels or computed",
+        ),
+        (
             {"curvature": {"column": "m", "unit": "1/m"}},
             {},
             r"computed\.yaw_rate: channels\.curvature needs 'yaw_rate: \{from: curvature\}'",
@@ -433,5 +438,16 @@ def test_a_curvature_times_v_x_is_odometrys_yaw_rate(tmp_path: Path) -> None:
 )
 def test_a_curvature_needs_its_entry(tmp_path: Path, more: Any, computed: Any, said: str) -> None:
     path = write(tmp_path / "a.csv", rows())
+    channels = {name: entry for name, entry in (CHANNELS | more).items() if entry is not None}
     with pytest.raises(UsageError, match=said):
-        take(path, tmp_path / "bag", channels=CHANNELS | more, computed=computed)
+        take(path, tmp_path / "bag", channels=channels, computed=computed)
+
+
+def test_a_sideslip_is_estimated_from_a_computed_yaw_rate(tmp_path: Path) -> None:
+    path = write(tmp_path / "a.csv", [f"{row},0.01" for row in rows()], "t,v,d,m,k")
+    channels = CHANNELS | {"curvature": {"column": "k", "unit": "1/m"}}
+    computed = {"yaw_rate": {"from": "curvature"}, "v_y": {"cg_to_rear_axle": 1.4}}
+    take(path, tmp_path / "bag", channels=channels, computed=computed)
+    found = values_of(tmp_path / "bag", "/odometry", lambda msg: msg.twist.twist)
+    for _, twist in found:
+        assert twist.linear.y == pytest.approx(1.4 * 0.01 * twist.linear.x)

@@ -239,3 +239,15 @@ def test_the_models_own_settings_are_the_default() -> None:
     assert predictor.settings == model.online
     assert isinstance(predictor.online, WindowedRidge)
     assert model.n_z == 3 + FEATURES
+
+
+def test_the_lateral_constants_of_an_affine_model_are_nearly_free() -> None:
+    method = Predictor(make_model()).online
+    assert isinstance(method, WindowedRidge)
+    ridge = method.offset_ridge
+    assert set(np.delete(ridge, [1, 2])) == {method.ridge}
+    assert set(ridge[[1, 2]]) == {0.01 * method.ridge}
+    # Its last regressor is the steering.
+    paper = Predictor(paper_model(), OnlineSettings("windowed")).online
+    assert isinstance(paper, WindowedRidge)
+    assert set(paper.offset_ridge) == {paper.ridge}

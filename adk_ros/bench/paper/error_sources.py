@@ -5,7 +5,7 @@ Further rows of the tables that say where the errors of adk_ros come from.
 
 | row | what it leaves out |
 | --- | --- |
-| `ALONE` | windowed least squares, disturbances, shrinkage, error regression, naive predictors |
+| `ALONE` | all that is learned online but the observer, and the naive predictors |
 | `NOT_ADAPTED` | windowed least squares |
 | `ORACLE_ESTIMATED` | the error of the model: the plant, restarted from the estimated state |
 
@@ -65,7 +65,8 @@ class EstimatedStartOracle:
 
     def predict(self, record: Record, rows: IntArray, ahead: int) -> FloatArray:
         """As `BenchPredictor.predict`, with exact knowledge of the plant and its other states."""
-        estimated = replace(record, x=estimated_states(self.model, record, int(rows[-1]) + 1))
+        count = int(rows.max()) + 1 if rows.size else 0
+        estimated = replace(record, x=estimated_states(self.model, record, count))
         return OraclePredictor(self.drive, self.begin).predict(estimated, rows, ahead)
 
 

@@ -17,10 +17,12 @@ from pathlib import Path
 
 from adk_ros.api.check import RecordingCheck, check_recording
 from adk_ros.api.explain import explain
-from adk_ros.api.info import bag_content, bag_verdict, read_bag
+from adk_ros.api.info import bag_content, bag_verdict, read_bag, with_reading
+from adk_ros.api.recording import velocity_source
 from adk_ros.bags.recording import RecordingOptions
 from adk_ros.calibration.criteria import MIN_MOVING_S
 from adk_ros.calibration.finding import Verdict
+from adk_ros.calibration.from_bag import read_streams
 from adk_ros.calibration.grid import on_grid
 from adk_ros.calibration.stream_checks import check_streams
 from adk_ros.errors import AdkError
@@ -33,7 +35,7 @@ class Answer:
     """
     What a command says of a recording: `text`, or the reason why it refuses (`is_refused`).
 
-    `moving_s`: s of driving that all streams cover, 0 if unknown.
+    `moving_s`: s of driving that all streams cover, None if unknown.
     """
 
     vehicle: str
@@ -41,12 +43,12 @@ class Answer:
     command: str
     text: str
     is_refused: bool
-    moving_s: float
+    moving_s: float | None
 
     @property
     def may_be_refused(self) -> bool:
-        """Whether the recording is too short, or the car stands still."""
-        return self.moving_s < MIN_MOVING_S
+        """Whether the recording is known to be too short, or the car to stand still."""
+        return self.moving_s is not None and self.moving_s < MIN_MOVING_S
 
     def as_dict(self) -> dict[str, object]:
         """Return the answer for JSON."""
@@ -59,11 +61,10 @@ def answers(vehicle: str, path: Path, vehicle_file: Path | None) -> Iterator[Ans
 
     :param vehicle_file: of its car; without one nothing is compared.
     """
-    moving_s = 0.0
+    moving_s = _moving_s(path)
     checked: RecordingCheck | None = None
     try:
         checked = check_recording(path, vehicle_file)
-        moving_s = _moving_s(checked)
         said, refused = _findings(checked), False
     except AdkError as error:
         said, refused = str(error), True
@@ -78,14 +79,13 @@ def answers(vehicle: str, path: Path, vehicle_file: Path | None) -> Iterator[Ans
     yield Answer(vehicle, path.name, MISMATCH, said, refused, moving_s)
 
 
-def _info(vehicle: str, path: Path, moving_s: float) -> Answer:
+def _info(vehicle: str, path: Path, moving_s: float | None) -> Answer:
     try:
-        read = read_bag(path)
-        verdict = bag_verdict(bag_content(path) | {"scope": read.scope})
+        about = with_reading(bag_content(path), read_bag(path))
     except AdkError as error:
         return Answer(vehicle, path.name, INFO, str(error), True, moving_s)
-    refused = not any(row["possible"] != "no" for row in read.scope)
-    return Answer(vehicle, path.name, INFO, read.unknown or verdict, refused, moving_s)
+    refused = not any(row["possible"] != "no" for row in about["scope"])
+    return Answer(vehicle, path.name, INFO, bag_verdict(about), refused, moving_s)
 
 
 def _findings(checked: RecordingCheck) -> str:
@@ -106,10 +106,16 @@ def _comparison(path: Path, vehicle_file: Path, checked: RecordingCheck | None) 
     return f"{found.verdict}: {found.summary}"
 
 
-def _moving_s(checked: RecordingCheck) -> float:
-    streams = checked.content.streams
+def _moving_s(path: Path) -> float | None:
+    try:
+        options, _ = velocity_source(path, None)
+        streams = read_streams(path, options).streams
+    except AdkError:
+        return None
     signals = on_grid(streams, check_streams(streams).unusable)
-    if signals is None or (signals.v_x is None and signals.x is None):
+    if signals is None:
+        return None
+    if signals.v_x is None and signals.x is None:
         # Without a speed and a position nothing is known to move.
         return 0.0
     return float(signals.moving_s)

@@ -99,8 +99,9 @@ class UnexplainedResidual:
     What unmodelled dynamics depend on.
 
     `share`: of a formula, of the excess loss before any effect; of episodes alone, of the loss
-    above that of noise; of a held-out error, of its square above the expected one; 1 where a claim
-    was withdrawn, or where noise may explain the recording without the formula.
+    above that of noise; of a held-out error, the part of its square above the expected one that
+    is left; 1 where a claim was withdrawn, or where noise may explain the recording without the
+    formula.
     `meaning`: the terms as masses, forces and shares, where they have such a meaning.
     """
 

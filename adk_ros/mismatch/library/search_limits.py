@@ -25,7 +25,7 @@ Candidates for a first effect with a linearised gain below this share of `MIN_FI
 fitted.
 """
 PRUNING_SHARE = 0.4
-"""The same for a second and third effect."""
+"""Of a second and third effect: share of the gain that it must have."""
 MIN_SCREENED_GAIN_SINGLE = 0.05
 """Least linearised gain of a single effect that is fitted, as a share of the best."""
 MIN_SCREENED_GAIN = 0.3

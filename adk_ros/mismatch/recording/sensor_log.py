@@ -89,6 +89,7 @@ class SensorLog:
         # The command that is in force at the beginning has an earlier stamp.
         first = max(int(np.searchsorted(self.command_s, begin_s, side="right")) - 1, 0)
         last = int(np.searchsorted(self.command_s, end_s))
+        attitude = (self.attitude_s >= begin_s) & (self.attitude_s < end_s)
         return replace(
             self,
             duration_s=end_s - begin_s,
@@ -99,4 +100,6 @@ class SensorLog:
             pose=self.pose[odometry],
             command_s=self.command_s[first:last],
             command=self.command[first:last],
+            attitude_s=self.attitude_s[attitude],
+            attitude=self.attitude[attitude],
         )

@@ -124,7 +124,7 @@ def windowed_update(phi: FloatArray, y: FloatArray, rows: IntArray) -> bool:
     stores y - theta0 phi, so that theta - theta0 is solved for. `rows`: see `window_arrays`.
     Return False if there is no finite solution.
 
-    The last regressor has a ridge of its own. With G the Gram matrix and its common ridge, e the
+    The last regressor may have a smaller ridge. With G the Gram matrix and its common ridge, e the
     unit vector of that regressor and d the difference of the ridges (Sherman and Morrison, 1950),
 
         (G - d e e')^-1 b = x + d w x_n / (1 - d w_n),  x = G^-1 b, w = G^-1 e
@@ -157,7 +157,10 @@ def windowed_update(phi: FloatArray, y: FloatArray, rows: IntArray) -> bool:
     for c in range(n_out):
         freed = window.ridge[0] - window.offset_ridge[c]
         if freed > 0.0:
-            freed *= right[n_phi - 1, c] / (1.0 - freed * right[n_phi - 1, n_out])
+            left = 1.0 - freed * right[n_phi - 1, n_out]
+            if not left > 0.0:
+                return False
+            freed *= right[n_phi - 1, c] / left
             for j in range(n_phi):
                 right[j, c] += freed * right[j, n_out]
         for j in range(n_phi):

@@ -45,7 +45,7 @@ class OnlineSettings:
             )
         if not 2 <= self.window <= 100_000:
             raise UsageError(f"window is {self.window} samples: choose 2 to 100000")
-        if not 1e-3 <= self.ridge <= 1e12:
+        if not _MIN_RIDGE <= self.ridge <= 1e12:
             raise UsageError(
                 f"ridge is {self.ridge:g}: choose 0.001 to 1e12 (below 0.001 the solution drifts)"
             )
@@ -192,13 +192,15 @@ _OFFSET_RIDGE_SHARE = 0.01
 """
 Ridge of the constant regressor of the lateral outputs, as a share of that of the others.
 
-A cross slope or a steady crosswind is a constant that no offline model knows. With the ridge of
-the others it is explained by all regressors that are not zero in the mean, and the dynamics are
-wrong: on a road that is banked by 0.1, the v_y error 2 s ahead is 0.81 of the naive one's instead
-of 0.15 (`scripts/banked_road.py`). A constant is usually not penalised (T. Hastie, R. Tibshirani,
-J. Friedman, The Elements of Statistical Learning, 2009, section 3.4.1); this share keeps the
-solution unique. Not for v_x: a grade changes within the window, and the disturbances follow it.
+A cross slope is a constant that no offline model knows. With the ridge of the others it is
+explained by all regressors that are not zero in the mean, and the dynamics are wrong
+(`scripts/lateral_constant.py` prints the errors). A constant is usually not penalised (T. Hastie,
+R. Tibshirani, J. Friedman, The Elements of Statistical Learning, 2009, section 3.4.1); that it has
+this share, and not a tenth of it or more, is by choice. Not for v_x: a grade changes within the
+window, and the disturbances follow it.
 """
+_MIN_RIDGE = 1e-3
+"""Below it the solution drifts."""
 
 
 class WindowedRidge:
@@ -218,7 +220,8 @@ class WindowedRidge:
         n_out, n_phi = theta0.shape
         offset_ridge = np.full(n_out, settings.ridge)
         if has_constant:
-            offset_ridge[list(_LATERAL)] *= _OFFSET_RIDGE_SHARE
+            share = max(_OFFSET_RIDGE_SHARE * settings.ridge, _MIN_RIDGE)
+            offset_ridge[list(_LATERAL)] = share
         self._window = WindowArrays(
             theta=np.zeros((n_out, n_phi)),
             theta0=np.ascontiguousarray(theta0, dtype=np.float64),
@@ -258,6 +261,16 @@ class WindowedRidge:
         window.n_pairs[0] = 0
 
     @property
+    def ridge(self) -> float:
+        """Ridge of all coefficients but those of `offset_ridge`."""
+        return float(self._window.ridge[0])
+
+    @property
+    def offset_ridge(self) -> FloatArray:
+        """Ridge of the coefficient of the last regressor, by output (m,)."""
+        return np.array(self._window.offset_ridge)
+
+    @property
     def n_pairs(self) -> int:
         """Number of pairs learned since the last reset."""
         return int(self._window.n_pairs[0])
@@ -274,11 +287,12 @@ class WindowedRidge:
         phi, y = window.phis[:pairs], window.ys[:pairs]
         n_phi = phi.shape[1]
         solution = np.empty_like(window.theta0)
-        for c, of_constant in enumerate(window.offset_ridge):
+        for of_constant in np.unique(window.offset_ridge):
+            outputs = window.offset_ridge == of_constant
             weight = np.sqrt(np.append(np.full(n_phi - 1, window.ridge[0]), of_constant))
             stacked = np.vstack([phi, np.diag(weight)])
-            target = np.append(y[:, c], np.zeros(n_phi))
-            solution[c] = np.linalg.lstsq(stacked, target, rcond=None)[0]
+            target = np.vstack([y[:, outputs], np.zeros((n_phi, int(outputs.sum())))])
+            solution[outputs] = np.linalg.lstsq(stacked, target, rcond=None)[0].T
         return np.asarray(window.theta0 + solution)
 
 
@@ -289,27 +303,27 @@ def _condition(matrix: FloatArray) -> float:
     return float(values[-1] / values[0]) if values[0] > 0.0 else float("inf")
 
 
-def _rls(theta0: FloatArray, settings: OnlineSettings) -> OnlineMethod:
+def _fixed(theta0: FloatArray, settings: OnlineSettings, _: bool) -> OnlineMethod:
+    return FixedModel(theta0, settings)
+
+
+def _rls(theta0: FloatArray, settings: OnlineSettings, _: bool) -> OnlineMethod:
     return RecursiveLeastSquares(theta0, settings, forgetting=1.0)
 
 
-def _ffrls(theta0: FloatArray, settings: OnlineSettings) -> OnlineMethod:
+def _ffrls(theta0: FloatArray, settings: OnlineSettings, _: bool) -> OnlineMethod:
     return RecursiveLeastSquares(theta0, settings, forgetting=settings.forgetting)
 
 
-METHODS: dict[str, Callable[[FloatArray, OnlineSettings], OnlineMethod]] = {
-    "constant": FixedModel,
+def _swls(theta0: FloatArray, settings: OnlineSettings, _: bool) -> OnlineMethod:
+    return PaperSWLS(theta0, settings)
+
+
+METHODS: dict[str, Callable[[FloatArray, OnlineSettings, bool], OnlineMethod]] = {
+    "constant": _fixed,
     "rls": _rls,
     "ffrls": _ffrls,
-    "swls": PaperSWLS,
+    "swls": _swls,
     "windowed": WindowedRidge,
 }
-
-
-def online_method(
-    theta0: FloatArray, settings: OnlineSettings, has_constant: bool
-) -> OnlineMethod:
-    """Return the method of the settings; `has_constant`: whether the last regressor is 1."""
-    if settings.method == "windowed":
-        return WindowedRidge(theta0, settings, has_constant)
-    return METHODS[settings.method](theta0, settings)
+"""Method of (theta0, settings, has_constant) by name; the last: whether a regressor is 1."""

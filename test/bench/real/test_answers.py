@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from helpers.calibration import driven, existing, write_streams
 
+from adk_ros.api.info import read_bag
 from adk_ros.bags.recording import RecordingOptions
 from adk_ros.bench.real import answers as answers_module
 from adk_ros.bench.real.answers import CHECK, INFO, MISMATCH, Answer, answers
@@ -50,7 +51,7 @@ def test_a_recording_without_a_command_is_answered(tmp_path: Path) -> None:
     found = by_command(path)
     assert list(found) == [INFO, CHECK]
     assert not any(x.is_refused for x in found.values())
-    assert found[CHECK].moving_s > 20.0
+    assert (found[CHECK].moving_s or 0.0) > 20.0
     assert " ok, " in found[CHECK].text
 
 
@@ -69,8 +70,36 @@ def test_a_file_that_is_no_recording_is_refused_in_a_line(tmp_path: Path) -> Non
     path.write_bytes(b"nothing")
     for answer in by_command(path).values():
         assert answer.is_refused
+        assert not answer.may_be_refused
         assert answer.text
         assert "\n" not in answer.text
+
+
+def test_what_the_check_refuses_is_not_excused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = written(tmp_path, replace(driven("handling", 1, 80.0), imu=None))
+
+    def refuse(*_: Any, **__: Any) -> Any:
+        raise DataError("it cannot be checked")
+
+    monkeypatch.setattr(answers_module, "check_recording", refuse)
+    found = by_command(path)
+    assert found[CHECK].is_refused
+    assert not found[CHECK].may_be_refused
+    assert not found[INFO].is_refused
+    (criterion,) = [
+        x for x in criteria(RealBench([], {}, [], answers=list(found.values()))) if x.cases
+    ]
+    assert (criterion.figure, criterion.verdict) == (1.0, "FAIL")
+
+
+def test_info_says_what_training_refuses(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = written(tmp_path, replace(driven("handling", 1, 80.0), imu=None))
+    refused = read_bag(path)._replace(refusal="nothing to learn")
+    monkeypatch.setattr(answers_module, "read_bag", lambda path: refused)
+    said = by_command(path)[INFO].text
+    assert said == "not usable for training or replay: nothing to learn"
 
 
 def test_it_is_compared_with_the_vehicle_file_as_checked(

@@ -79,6 +79,8 @@ def test_the_rest_begins_at_zero() -> None:
     log = replace(log, attitude_s=stamps_s, attitude=attitude)
     first, rest = parts(log)
     assert rest.odometry_s[0] < 0.1
+    assert 0.0 <= rest.attitude_s[0] < 0.1
+    assert rest.attitude_s[-1] < rest.duration_s
     # The attitude belongs to the same moments as before.
     begin_s = 1e-9 * (rest.start_ns - log.start_ns)
     roll = np.interp(rest.odometry_s + begin_s, stamps_s, attitude[:, 0])

@@ -33,9 +33,11 @@ def pairs(n: int, seed: int = 0, noise: float = 0.1) -> tuple[Array, Array, Arra
     return phi, phi @ theta.T + noise * random.normal(size=(n, N_Z)), theta
 
 
-def make(method: str, theta0: Array | None = None, **settings: Any) -> Any:
+def make(
+    method: str, theta0: Array | None = None, has_constant: bool = False, **settings: Any
+) -> Any:
     theta0 = np.zeros((N_Z, N_PHI)) if theta0 is None else theta0
-    return METHODS[method](theta0, OnlineSettings(method, **settings))
+    return METHODS[method](theta0, OnlineSettings(method, **settings), has_constant)
 
 
 def fold(method: OnlineMethod, phi: Array, y: Array) -> Array:
@@ -118,6 +120,31 @@ def test_a_cross_slope_leaves_the_lateral_dynamics_as_they_are() -> None:
         assert np.abs(np.delete(change, 1, axis=0)).max() < 1e-9
     assert moved[True] < 0.01
     assert moved[False] > 10.0 * moved[True]
+
+
+@pytest.mark.parametrize("ridge", [1e-3, 1.0, 300.0])
+def test_a_free_constant_does_not_drift_either(ridge: float) -> None:
+    phi, y, _ = pairs(10_000, noise=0.5)
+    phi[:, -1] = 1.0
+    phi[300, :-1] *= 1e3
+    method: WindowedRidge = make("windowed", has_constant=True, window=200, ridge=ridge)
+    fold(method, phi, y)
+    assert method.failures == 0
+    assert np.abs(method.theta - method.batch_solution()).max() < 1e-9
+
+
+def test_a_constant_without_excitation_is_all_that_moves() -> None:
+    theta0 = np.random.default_rng(0).normal(size=(N_Z, N_PHI))
+    phi = np.zeros(N_PHI)
+    phi[-1] = 1.0
+    method: WindowedRidge = make("windowed", theta0, has_constant=True, window=100, ridge=300.0)
+    for _ in range(500):
+        method.update(phi, theta0 @ phi + 1.0)
+    assert method.failures == 0
+    moved = method.theta - theta0
+    assert np.abs(moved[:, :-1]).max() < 1e-12
+    np.testing.assert_allclose(moved[[1, 2], -1], 100.0 / 103.0)
+    np.testing.assert_allclose(np.delete(moved[:, -1], [1, 2]), 100.0 / 400.0)
 
 
 def test_windowed_recovers_from_an_outlier() -> None:
