@@ -183,7 +183,8 @@ def concealed(
             console.progress("cases") as bar,
         ):
             baselines = Baselines() if peers else None
-            results = MismatchBench(out or Path(folder), jobs, resume, baselines).run(todo, bar)
+            bench = MismatchBench(out or Path(folder), jobs, resume, baselines)
+            results = bench.run(todo, bar)
             if calibrate:
                 reports = out or Path(folder)
                 varied = None
@@ -203,6 +204,8 @@ def concealed(
     except Terminated:
         console.note("adk: terminated")
         raise typer.Exit(TERMINATED) from None
+    for line in bench.left_out:
+        console.note(f"left out: {line}")
     if as_json:
         console.print_json(content(results, criteria))
         return

@@ -19,7 +19,7 @@ import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
 from contextlib import suppress
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +27,7 @@ import numpy as np
 
 from adk_ros.bench.mismatch.baselines import Baselines
 from adk_ros.bench.mismatch.case_files import recordings_of
+from adk_ros.bench.mismatch.case_generator import NotGenerated
 from adk_ros.bench.mismatch.case_jobs import LABEL, CaseJob
 from adk_ros.bench.mismatch.case_score import CaseResult, detectable, score_case
 from adk_ros.bench.mismatch.proven_ties import proven_ties, reported_ties
@@ -54,12 +55,14 @@ class MismatchBench:
     Benchmark run: output folder, number of parallel cases, and whether to skip finished ones.
 
     `baselines`: other methods to run on each case as well, also on those finished without them.
+    `left_out`: a line for each case that could not be generated, which has no result.
     """
 
     out: Path
     workers: int = 1
     resume: bool = False
     baselines: Baselines | None = None
+    left_out: list[str] = field(default_factory=list)
 
     def run(self, jobs: Sequence[CaseJob], progress: Progress | None = None) -> list[CaseResult]:
         """
@@ -91,8 +94,12 @@ class MismatchBench:
                         done, _ = wait(waiting, return_when=FIRST_COMPLETED)
                         for future in done:
                             job = waiting.pop(future)
-                            found[job.name] = future.result()
-                            tell(len(found), len(jobs), job.name)
+                            try:
+                                found[job.name] = future.result()
+                            except NotGenerated as error:
+                                self.left_out.append(str(error))
+                            done_count = len(found) + len(self.left_out)
+                            tell(done_count, len(jobs), job.name)
                 finally:
                     processes.end()
                     if self.baselines is not None:
@@ -103,7 +110,7 @@ class MismatchBench:
                 with suppress(OSError):
                     self.out.rmdir()
             raise
-        return [found[job.name] for job in jobs]
+        return [found[job.name] for job in jobs if job.name in found]
 
     def _check(self, jobs: Sequence[CaseJob]) -> None:
         for job in jobs:

@@ -15,6 +15,7 @@ import pytest
 from adk_ros.bench.mismatch import mismatch_bench
 from adk_ros.bench.mismatch.acceptance import FAIL, NONE, PASS, Criterion, evaluate_criteria
 from adk_ros.bench.mismatch.breakdown import breakdown
+from adk_ros.bench.mismatch.case_generator import NotGenerated
 from adk_ros.bench.mismatch.case_jobs import CaseJob, jobs_of
 from adk_ros.bench.mismatch.case_matrix import case_plans
 from adk_ros.bench.mismatch.case_score import CaseResult
@@ -311,6 +312,24 @@ def test_an_interrupted_first_case_leaves_no_folder(
     with pytest.raises(KeyboardInterrupt):
         MismatchBench(tmp_path / "out").run(jobs(tmp_path)[:1])
     assert not (tmp_path / "out").exists()
+
+
+def test_a_case_that_cannot_be_generated_is_left_out(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def spin(folder: Path) -> Path:
+        raise NotGenerated("b: the car spins")
+
+    first, second, third = jobs(tmp_path)
+    monkeypatch.setattr(mismatch_bench, "run_case", Fake())
+    bench = MismatchBench(tmp_path / "out")
+    shares = []
+    scores = bench.run(
+        [first, second._replace(write=spin), third], lambda done, total, _: shares.append(done)
+    )
+    assert [s.case for s in scores] == ["a", "c"]
+    assert bench.left_out == ["b: the car spins"]
+    assert shares[-1] == 3
 
 
 def test_a_foreign_folder_is_not_overwritten(tmp_path: Path) -> None:
