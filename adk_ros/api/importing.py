@@ -98,7 +98,7 @@ def import_recording(
         imported = adk_ros.import_recording("drive.csv", "map.yaml", "drive")
         imported.channels[["source", "rate_hz", "min", "max"]]
     """
-    from adk_ros.importing.map_file import checked_map, load_map
+    from adk_ros.importing.map_loading import checked_map, load_map
     from adk_ros.importing.recording_import import read_channels, write_recording
 
     paths = _paths(files)

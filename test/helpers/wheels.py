@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from adk_ros.importing.map_file import checked_map
+from adk_ros.importing.map_loading import checked_map
 from adk_ros.importing.recording_import import ImportedRecording, read_channels
 from adk_ros.plant.scenario.scenario_file import load_scenario
 from adk_ros.plant.scenario.sensor_simulation import SimulatedDrive

@@ -9,7 +9,7 @@ import pytest
 from helpers.train import refused
 
 from adk_ros.errors import UsageError
-from adk_ros.importing.map_file import checked_map
+from adk_ros.importing.map_loading import checked_map
 from adk_ros.importing.source_channels import converted
 from adk_ros.importing.units import factor_to_si, is_unit_of
 

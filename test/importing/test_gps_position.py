@@ -18,7 +18,7 @@ from adk_ros.api.importing import import_recording, propose_map
 from adk_ros.bags import Bag
 from adk_ros.errors import DataError, UsageError
 from adk_ros.importing.geodesy import east_north
-from adk_ros.importing.map_file import checked_map
+from adk_ros.importing.map_loading import checked_map
 from adk_ros.importing.parquet_file import write_parquet
 from adk_ros.importing.recording_import import ImportedRecording
 

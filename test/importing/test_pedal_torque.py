@@ -29,7 +29,7 @@ from adk_ros.api.exporting import export
 from adk_ros.api.importing import import_recording, propose_map
 from adk_ros.calibration.finding import Finding
 from adk_ros.errors import UsageError
-from adk_ros.importing.map_file import checked_map
+from adk_ros.importing.map_loading import checked_map
 from adk_ros.importing.recording_import import ImportedRecording
 from adk_ros.mismatch.recording.from_bag import read_sensor_log
 

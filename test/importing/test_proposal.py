@@ -18,7 +18,8 @@ from helpers.train import drive, refused
 from adk_ros.api.importing import import_recording, propose_map
 from adk_ros.cli.main import main
 from adk_ros.importing.column_names import recognise
-from adk_ros.importing.map_file import checked_map, factor_of
+from adk_ros.importing.map_file import factor_of
+from adk_ros.importing.map_loading import checked_map
 from adk_ros.signals.channels import Source
 
 RATIO = 15.2

@@ -17,7 +17,7 @@ from adk_ros.api.importing import import_recording
 from adk_ros.bags.recording import read_recording
 from adk_ros.errors import UsageError
 from adk_ros.importing.column_names import recognise
-from adk_ros.importing.map_file import checked_map
+from adk_ros.importing.map_loading import checked_map
 from adk_ros.importing.parquet_file import write_parquet
 from adk_ros.importing.recording_import import ImportedRecording, read_channels
 
