@@ -185,6 +185,8 @@ def concealed(
             baselines = Baselines() if peers else None
             bench = MismatchBench(out or Path(folder), jobs, resume, baselines)
             results = bench.run(todo, bar)
+            for line in bench.left_out:
+                console.note(f"left out: {line}")
             if calibrate:
                 reports = out or Path(folder)
                 varied = None
@@ -204,8 +206,6 @@ def concealed(
     except Terminated:
         console.note("adk: terminated")
         raise typer.Exit(TERMINATED) from None
-    for line in bench.left_out:
-        console.note(f"left out: {line}")
     if as_json:
         console.print_json(content(results, criteria))
         return

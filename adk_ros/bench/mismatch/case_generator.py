@@ -16,7 +16,6 @@ import numpy as np
 
 from adk_ros.bench.mismatch.sensor_dropouts import DROPOUTS, with_dropouts
 from adk_ros.bench.vehicles.vehicle_family import Drive, family_of
-from adk_ros.errors import DataError
 from adk_ros.mismatch.recording.nominal_vehicle import NominalVehicle
 from adk_ros.mismatch.recording.sensor_log import SensorLog
 from adk_ros.mismatch.recording.simulated_sensors import simulate_faulty_sensors
@@ -103,10 +102,6 @@ def _times_in(along: FloatArray, spans: list[Span], blend: float) -> list[list[f
     ]
 
 
-class NotGenerated(DataError):
-    """A case that cannot be driven; it says nothing about the tool."""
-
-
 def make_case(
     name: str,
     injected: InjectedMismatch,
@@ -121,7 +116,7 @@ def make_case(
     Return a case; the same arguments give the same case.
 
     If the vehicle spins, it is simulated again at a lower speed.
-    :raises NotGenerated: it spins at every speed that is tried.
+    :raises AlwaysSpins: it spins at every speed that is tried.
     :param seconds: durations of the simulation, the recording and the held-out recording.
     :param road_style: a key of `ROAD_STYLES`.
     :param noise: factor on the sensor noise.
@@ -166,7 +161,7 @@ def make_case(
     friction = 1.0
     if "low_friction" in injected.effects and "low_friction" not in placed:
         friction = injected.effects["low_friction"]["mu_scale"]
-    for route, later in slower_routes(segments, places, roads, lateral, friction):
+    for route, later in slower_routes(name, segments, places, roads, lateral, friction):
         drive = Drive(route, changes, seed + 2, seconds[1], 0.0, built, later)
         truth, commands = family.drive(vehicle, car, drive)
         drive = Drive(
@@ -191,8 +186,6 @@ def make_case(
         ]
         if not spins(truth[:, 4], held_out_truth[:, 4], *(state[:, 4] for state, _ in others)):
             break
-    else:
-        raise NotGenerated(f"{name}: the car spins at every speed that is tried")
     recording = simulate_faulty_sensors(
         "recording", truth, commands, injected.effects, rng, noise, onset
     )

@@ -27,7 +27,6 @@ import numpy as np
 
 from adk_ros.bench.mismatch.baselines import Baselines
 from adk_ros.bench.mismatch.case_files import recordings_of
-from adk_ros.bench.mismatch.case_generator import NotGenerated
 from adk_ros.bench.mismatch.case_jobs import LABEL, CaseJob
 from adk_ros.bench.mismatch.case_score import CaseResult, detectable, score_case
 from adk_ros.bench.mismatch.proven_ties import proven_ties, reported_ties
@@ -38,6 +37,7 @@ from adk_ros.mismatch.deployment.held_out import Evidence, horizon_errors, rmse
 from adk_ros.mismatch.deployment.surrogate_file import load_surrogate
 from adk_ros.mismatch.recording.from_bag import read_sensor_log
 from adk_ros.mismatch.report.result_files import RESULT_FILE
+from adk_ros.plant.scenario.random_routes import AlwaysSpins
 from adk_ros.signals.channels import STATE_NAMES
 
 HORIZON_S = 1.0
@@ -96,10 +96,10 @@ class MismatchBench:
                             job = waiting.pop(future)
                             try:
                                 found[job.name] = future.result()
-                            except NotGenerated as error:
+                            except AlwaysSpins as error:
+                                # It says nothing about the tool.
                                 self.left_out.append(str(error))
-                            done_count = len(found) + len(self.left_out)
-                            tell(done_count, len(jobs), job.name)
+                            tell(len(found) + len(self.left_out), len(jobs), job.name)
                 finally:
                     processes.end()
                     if self.baselines is not None:

@@ -96,7 +96,7 @@ class WatchedDrive:
         car = family.changed(built, effects)
         friction = effects.get("low_friction", {}).get("mu_scale", 1.0)
         changes = plant_changes(effects, {}, self.onset_s)
-        for route, later in slower_routes(segments, [], roads, lateral, friction):
+        for route, later in slower_routes("drive", segments, [], roads, lateral, friction):
             drive = Drive(route, changes, drive_seed + 1, self.seconds, 0.0, built, later)
             truth, commands = family.drive(vehicle, car, drive)
             if not spins(truth[:, 4]):

@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from adk_ros.errors import DataError
 from adk_ros.numerics.arrays import FloatArray
 from adk_ros.plant.environment.road import ROAD_MU, Bend, RoadPatch, Route, Segment, build_route
 from adk_ros.plant.scenario.driver import SpeedPlan, plan_speed
@@ -98,7 +99,12 @@ def plan_route(
     return plan_speed(build_route(segments, places, 1.0), plan)
 
 
+class AlwaysSpins(DataError):
+    """A vehicle spins at every speed that is tried."""
+
+
 def slower_routes(
+    name: str,
     segments: list[Segment],
     places: list[RoadPatch],
     roads: RoadStyle,
@@ -109,6 +115,9 @@ def slower_routes(
     Yield the route at decreasing speeds: one to take until a vehicle does not spin.
 
     Each with the same route whose friction is multiplied by `friction`.
+
+    :param name: of the drive, for the message.
+    :raises AlwaysSpins: another one is asked for after the slowest.
     """
     for tried in range(_MAX_TRIES):
         route = plan_route(segments, places, roads, lateral, _SLOWER**tried)
@@ -117,6 +126,7 @@ def slower_routes(
             table = table.copy()
             table[:, ROAD_MU] *= friction
         yield route, replace(route, table=table)
+    raise AlwaysSpins(f"{name}: the car spins at every speed that is tried")
 
 
 def spins(*lateral_velocities: FloatArray) -> bool:

@@ -15,7 +15,6 @@ import pytest
 from adk_ros.bench.mismatch import mismatch_bench
 from adk_ros.bench.mismatch.acceptance import FAIL, NONE, PASS, Criterion, evaluate_criteria
 from adk_ros.bench.mismatch.breakdown import breakdown
-from adk_ros.bench.mismatch.case_generator import NotGenerated
 from adk_ros.bench.mismatch.case_jobs import CaseJob, jobs_of
 from adk_ros.bench.mismatch.case_matrix import case_plans
 from adk_ros.bench.mismatch.case_score import CaseResult
@@ -29,6 +28,7 @@ from adk_ros.errors import UsageError
 from adk_ros.mismatch.library.features import FEATURES
 from adk_ros.mismatch.surrogate.feature_terms import EQUATION_PARAMETERS
 from adk_ros.plant.injection.injectors import UNLISTED
+from adk_ros.plant.scenario.random_routes import AlwaysSpins
 
 
 def good(kind: str = "single", **changes: Any) -> CaseResult:
@@ -318,7 +318,7 @@ def test_a_case_that_cannot_be_generated_is_left_out(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def spin(folder: Path) -> Path:
-        raise NotGenerated("b: the car spins")
+        raise AlwaysSpins("b: the car spins")
 
     first, second, third = jobs(tmp_path)
     monkeypatch.setattr(mismatch_bench, "run_case", Fake())

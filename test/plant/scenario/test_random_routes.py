@@ -7,7 +7,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from adk_ros.plant.scenario.random_routes import ROAD_STYLES, random_route, spins
+from adk_ros.plant.environment.road import ROAD_SPEED
+from adk_ros.plant.scenario.random_routes import (
+    ROAD_STYLES,
+    AlwaysSpins,
+    random_route,
+    slower_routes,
+    spins,
+)
 
 
 @pytest.mark.parametrize(
@@ -30,3 +37,13 @@ def test_a_bend_that_is_shorter_than_its_transition_is_drawn_again() -> None:
         bends = [x.bend for x in segments if x.bend is not None]
         shortest.append(min(abs(np.radians(x.angle_deg)) * x.radius for x in bends))
     assert 15.0 <= min(shortest) < 17.0
+
+
+def test_after_the_slowest_try_the_vehicle_always_spins() -> None:
+    segments, _ = random_route(np.random.default_rng(0), ROAD_STYLES["track"])
+    tries = slower_routes("drive", segments, [], ROAD_STYLES["track"], 4.0)
+    speeds = [float(next(tries)[0].table[:, ROAD_SPEED].max()) for _ in range(9)]
+    with pytest.raises(AlwaysSpins, match="drive: the car spins at every speed that is tried"):
+        next(tries)
+    assert speeds == sorted(speeds, reverse=True)
+    assert speeds[-1] < 0.5 * speeds[0]
