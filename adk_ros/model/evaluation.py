@@ -55,6 +55,22 @@ def sample_at(record: Record, row: int) -> Sample:
     )
 
 
+def observed_states(model: KoopmanModel, record: Record, count: int | None = None) -> FloatArray:
+    """
+    Return the states (n, 3) of the model's observer along a record, SI.
+
+    The measured ones where it makes no prediction, and from row `count` on.
+    """
+    predictor = Predictor(model, horizon_steps=0)
+    states: FloatArray = record.x.copy()
+    for row in range(len(record) if count is None else count):
+        if row and record.episode[row] != record.episode[row - 1]:
+            predictor.reset()
+        if predictor.step(sample_at(record, row)) is not None:
+            states[row] = predictor.filtered_state
+    return states
+
+
 def rollout_record(
     model: KoopmanModel,
     record: Record,

@@ -25,10 +25,9 @@ from pathlib import Path
 import numpy as np
 
 from adk_ros.model.estimation.observer_gains import ObserverGains
-from adk_ros.model.evaluation import sample_at
+from adk_ros.model.evaluation import observed_states
 from adk_ros.model.koopman import KoopmanModel
 from adk_ros.model.lifting.scaling import Scaling
-from adk_ros.model.predictor import Predictor
 from adk_ros.numerics.arrays import BoolArray, FloatArray
 from adk_ros.signals.channels import Record
 from adk_ros.train.assemble import assemble
@@ -96,13 +95,8 @@ def observer_gain(train: Sequence[Record], history: int, augment: bool = True) -
 
 def _filtered(model: KoopmanModel, record: Record) -> Record:
     """Return the record with the yaw rate of the model's observer."""
-    predictor = Predictor(model, horizon_steps=0)
     x = record.x.copy()
-    for row in range(len(record)):
-        if row and record.episode[row] != record.episode[row - 1]:
-            predictor.reset()
-        if predictor.step(sample_at(record, row)) is not None:
-            x[row, _YAW_RATE] = predictor.filtered_state[_YAW_RATE]
+    x[:, _YAW_RATE] = observed_states(model, record)[:, _YAW_RATE]
     return replace(record, x=x)
 
 

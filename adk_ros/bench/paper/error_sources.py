@@ -26,9 +26,8 @@ from adk_ros.bench.paper.predictors import (
     KoopmanPredictor,
     OraclePredictor,
 )
-from adk_ros.model.evaluation import sample_at
+from adk_ros.model.evaluation import observed_states
 from adk_ros.model.koopman import KoopmanModel
-from adk_ros.model.predictor import Predictor
 from adk_ros.model.uncertainty.fallback import Fallback
 from adk_ros.numerics.arrays import FloatArray, IntArray
 from adk_ros.plant.scenario.sensor_simulation import SimulatedDrive
@@ -66,15 +65,5 @@ class EstimatedStartOracle:
     def predict(self, record: Record, rows: IntArray, ahead: int) -> FloatArray:
         """As `BenchPredictor.predict`, with exact knowledge of the plant and its other states."""
         count = int(rows.max()) + 1 if rows.size else 0
-        estimated = replace(record, x=estimated_states(self.model, record, count))
+        estimated = replace(record, x=observed_states(self.model, record, count))
         return OraclePredictor(self.drive, self.begin).predict(estimated, rows, ahead)
-
-
-def estimated_states(model: KoopmanModel, record: Record, count: int) -> FloatArray:
-    """Return the observer's states (n, 3) in the first `count` rows, elsewhere the measured."""
-    states: FloatArray = record.x.copy()
-    predictor = Predictor(model)
-    for row in range(count):
-        if predictor.step(sample_at(record, row), with_horizon=False) is not None:
-            states[row] = predictor.filtered_state
-    return states

@@ -17,7 +17,6 @@ from adk_ros.bench.paper.cases import CLEAN, NOISY
 from adk_ros.bench.paper.confirmation_criteria import confirmation_criteria
 from adk_ros.bench.paper.error_sources import (
     EstimatedStartOracle,
-    estimated_states,
     reduced_predictors,
 )
 from adk_ros.bench.paper.paper_tables import Table
@@ -32,7 +31,7 @@ from adk_ros.bench.paper.predictors import (
 from adk_ros.bench.paper.ratios import summary_table
 from adk_ros.bench.paper.scores import ScoreTable
 from adk_ros.bench.paper.training_jobs import BenchPlan, TrainingJob, default_job, naive_job
-from adk_ros.model.evaluation import sample_at
+from adk_ros.model.evaluation import observed_states, sample_at
 from adk_ros.model.koopman import KoopmanModel
 from adk_ros.model.predictor import Predictor
 from adk_ros.train.train_settings import TrainSettings
@@ -84,7 +83,7 @@ def test_the_plant_starts_from_the_estimated_state() -> None:
     found = EstimatedStartOracle(driven, BEGIN, filtered).predict(measured, rows, 10)
     from_measured = OraclePredictor(driven, BEGIN).predict(measured, rows, 10)
     assert not np.allclose(found, from_measured, rtol=1e-6, atol=0.0)
-    states = estimated_states(filtered, measured, len(measured))
+    states = observed_states(filtered, measured, len(measured))
     given = OraclePredictor(driven, BEGIN).predict(replace(measured, x=states), rows, 10)
     np.testing.assert_array_equal(found, given)
 
