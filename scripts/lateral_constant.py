@@ -87,14 +87,13 @@ def rolled(
 ) -> Iterator[tuple[str, FloatArray, FloatArray]]:
     """Yield name, RMSE and ratio (5, 3) of the model in its three variants."""
     fixed = replace(model, online=replace(model.online, method="constant"))
+    as_it_is = online_methods._OFFSET_RIDGE_SHARE
     for name, used, share in (
         ("same ridge", model, 1.0),
-        ("as it is", model, None),
-        ("not adapted", fixed, None),
+        ("as it is", model, as_it_is),
+        ("not adapted", fixed, as_it_is),
     ):
-        with ExitStack() as stack:
-            if share is not None:
-                stack.enter_context(patch.object(online_methods, "_OFFSET_RIDGE_SHARE", share))
+        with patch.object(online_methods, "_OFFSET_RIDGE_SHARE", share):
             found = rollout_record(used, record, None, scored, AHEAD, STRIDE)
         rows = found.rows
         naive = naive_predictions(record, rows, AHEAD)

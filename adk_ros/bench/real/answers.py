@@ -25,6 +25,7 @@ from adk_ros.calibration.finding import Verdict
 from adk_ros.calibration.from_bag import read_streams
 from adk_ros.calibration.grid import on_grid
 from adk_ros.calibration.stream_checks import check_streams
+from adk_ros.calibration.streams import Streams
 from adk_ros.errors import AdkError
 
 INFO, CHECK, MISMATCH = "info", "check", "mismatch"
@@ -61,13 +62,14 @@ def answers(vehicle: str, path: Path, vehicle_file: Path | None) -> Iterator[Ans
 
     :param vehicle_file: of its car; without one nothing is compared.
     """
-    moving_s = _moving_s(path)
     checked: RecordingCheck | None = None
     try:
         checked = check_recording(path, vehicle_file)
         said, refused = _findings(checked), False
+        moving_s = _moving_s(checked.content.streams)
     except AdkError as error:
         said, refused = str(error), True
+        moving_s = _moving_s_of(path)
     yield _info(vehicle, path, moving_s)
     yield Answer(vehicle, path.name, CHECK, said, refused, moving_s)
     if vehicle_file is None:
@@ -106,12 +108,15 @@ def _comparison(path: Path, vehicle_file: Path, checked: RecordingCheck | None) 
     return f"{found.verdict}: {found.summary}"
 
 
-def _moving_s(path: Path) -> float | None:
+def _moving_s_of(path: Path) -> float | None:
     try:
         options, _ = velocity_source(path, None)
-        streams = read_streams(path, options).streams
+        return _moving_s(read_streams(path, options).streams)
     except AdkError:
         return None
+
+
+def _moving_s(streams: Streams) -> float | None:
     signals = on_grid(streams, check_streams(streams).unusable)
     if signals is None:
         return None
