@@ -44,7 +44,7 @@ class Correction:
 
     `errors` (n, horizons, 3); `raised`: the states whose error the full correction raised;
     `refused`: the full correction, where no part is exported, and `contradicted`: the states whose
-    error it raised beyond chance.
+    error it raised beyond chance, unless it lowered the errors on the whole.
     """
 
     part: str
@@ -85,13 +85,14 @@ def choose_correction(
     allowed = [x for x in trials if improves(simulation.errors, x.errors, expected, not_judged)]
     if allowed:
         return min(allowed, key=lambda x: largest_rise(before, rmse(x.errors), not_judged))
-    beyond_chance = raised_beyond_chance(simulation.errors, trials[0].errors, not_judged)
-    return replace(
-        simulation,
-        raised=raised,
-        refused=trials[0],
-        contradicted=tuple(beyond_chance),
+    refused = trials[0]
+    # Each state is tested at each horizon, so chance alone raises one here and there.
+    contradicted = (
+        []
+        if lowers_on_the_whole(before, rmse(refused.errors), not_judged)
+        else raised_beyond_chance(simulation.errors, refused.errors, not_judged)
     )
+    return replace(simulation, raised=raised, refused=refused, contradicted=tuple(contradicted))
 
 
 def exported(hypothesis: Hypothesis, part: str) -> Hypothesis | None:

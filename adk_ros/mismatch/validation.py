@@ -58,8 +58,9 @@ class Validation:
     Result on held-out data.
 
     `export`: which of the corrections did not raise any error; `held_out_yaml`: that correction,
-    fitted to the training part; `raised`: the states whose error a rejected correction raised,
-    `contradicted`: beyond chance; `rejected` (horizons, 3): the RMSE with it, of the same data as
+    fitted to the training part; `raised`: the states whose error a rejected correction raised;
+    `contradicted`: those raised beyond chance by one that does not lower the errors on the whole;
+    `rejected` (horizons, 3): the RMSE with the rejected correction, of the same data as
     `errors.before`, None where no correction was rejected.
     """
 

@@ -5,7 +5,7 @@ Claims that held-out data take back.
 
 What is claimed of an unknown cause is withdrawn where it leaves most of the error. Effects of the
 vehicle, and a formula where noise may explain the recording without it, are withdrawn where every
-error was explained without them and their correction raises one.
+error was explained without them and their correction raises one, and not lowers them on the whole.
 """
 
 from __future__ import annotations
@@ -64,7 +64,8 @@ def is_contradicted(decision: Decision, validation: Validation) -> bool:
     Whether held-out errors speak against effects that explain a recording, or a weak formula.
 
     They do where noise, build tolerance and the surrogate's own error explained every error before
-    the correction, and this raises one beyond chance, so that nothing is exported.
+    the correction, and this raises one beyond chance and does not lower the errors on the whole,
+    so that nothing is exported.
     """
     errors, effects = validation.errors, decision.hypothesis.effects
     claims = decision.verdict == EXPLAINED or decision.excess_is_small

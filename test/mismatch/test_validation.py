@@ -290,6 +290,23 @@ def test_a_correction_that_raises_an_error_is_not_exported() -> None:
     np.testing.assert_array_equal(done.errors.after, done.errors.before)
 
 
+@pytest.mark.parametrize(("yaw_ratio", "contradicted"), [(0.9, ()), (1.01, ("v_x",))])
+def test_a_rise_contradicts_only_what_lowers_no_errors_on_the_whole(
+    yaw_ratio: float, contradicted: tuple[str, ...]
+) -> None:
+    """Nine errors are tested: one alone, 4 % higher, does not outweigh another, 10 % lower."""
+    before = np.full((400, 3, 3), 0.01)
+    after = before * [1.04, 1.0, yaw_ratio]
+    simulation = Correction(NOT_EXPORTED, "plain", before)
+    full = hypothesis(effect("load_sensitivity", 0.04))
+    chosen = choose_correction(
+        simulation, full, lambda part, _: Correction(part, "", after), np.full((3, 3), 0.02), ()
+    )
+    assert chosen.part == NOT_EXPORTED
+    assert chosen.raised == ("v_x",)
+    assert chosen.contradicted == contradicted
+
+
 def test_what_a_refused_correction_explains_is_judged(monkeypatch: pytest.MonkeyPatch) -> None:
     """A drag is there, whether or not its correction raises the yaw rate's error by chance."""
     monkeypatch.setattr(export_choice, "raised_states", lambda *args: ["yaw_rate"])
