@@ -29,6 +29,15 @@ Time after which a local worker that does not come back is replaced. Its nanny s
 killed again within a few seconds, but 15 s after an end Dask closes the nanny if the worker is not
 there at this moment, as when the second one has just been killed.
 """
+_WATCHED_LESS = {
+    "distributed.worker.profile.enabled": False,
+    "distributed.admin.tick.interval": "500 ms",
+    "distributed.admin.system-monitor.interval": "2 s",
+}
+"""
+What scheduler and workers watch of themselves, by default up to a hundred times a second. The work
+is in other processes, of which that shows nothing, and takes its time on the same cores.
+"""
 WORKER_MIB = 150.0
 """MiB of a worker besides its stage process; measured with `adk bench fleet`."""
 
@@ -120,6 +129,7 @@ def open_cluster(workers: int, address: str | None = None) -> Iterator[Cluster]:
             "distributed.scheduler.allowed-failures": ATTEMPTS - 1,
             # A worker has no task that it does not work on, which would end with it.
             "distributed.scheduler.worker-saturation": 1.0,
+            **_WATCHED_LESS,
         }
     ):
         if address is not None:
