@@ -264,11 +264,12 @@ def _outcomes(
         meter.say_what_is_lacking()
 
     for task, reply in run_tasks(cluster, tasks, on_wake):
-        _stop_if_needed(reply)
+        stop_if_needed(reply)
         yield task, reply
 
 
-def _stop_if_needed(reply: Reply) -> None:
+def stop_if_needed(reply: Reply) -> None:
+    """Raise what says nothing about a recording. :raises UsageError: see `ENDS_RUN`."""
     if reply.failure not in ENDS_RUN:
         return
     if reply.failure is Failure.DISK_FULL:

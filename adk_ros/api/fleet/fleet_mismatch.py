@@ -135,7 +135,7 @@ def fleet_mismatch(
         keep_tags(out, table)
         # Workers of other machines run in other folders.
         shared = out.resolve()
-        path = identified_simulation(inputs, listed, shared, progress)
+        path = identified_simulation(inputs, listed, shared, limits, progress)
         known = FleetSimulation.load(path)
 
         def report(done: float, text: str) -> None:

@@ -7,6 +7,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from adk_ros.api.fleet.index_stage import file_hash
 from adk_ros.api.recording import read_log
@@ -14,12 +15,18 @@ from adk_ros.bags.recording import RecordingOptions
 from adk_ros.errors import AdkError, DataError, UsageError
 from adk_ros.files.code_digest import code_digest
 from adk_ros.fleet.recordings import FleetRecording, local_recording
-from adk_ros.fleet.run import Progress
+from adk_ros.fleet.run import Limits, Progress, stop_if_needed
 from adk_ros.fleet.stage import hash_of
-from adk_ros.fleet.store import StoreUnreachable
+from adk_ros.fleet.stage_process import StageProcess
 
-_FIRST_TRIED = 20
-"""Recordings that are tried as the typical one before giving up."""
+if TYPE_CHECKING:
+    from adk_ros.mismatch.recording.sensor_log import SensorLog
+
+_FIRST_TRIED, _FURTHER_TRIED = 10, 10
+"""
+Recordings that are tried as the typical one before giving up: the first ones, then some spread
+over the others, since what is unusable may lie together.
+"""
 
 
 @dataclass(frozen=True)
@@ -81,15 +88,17 @@ def identified_simulation(
     inputs: SimulationInputs,
     recordings: Sequence[FleetRecording],
     out: Path,
+    limits: Limits,
     progress: Progress | None,
 ) -> Path:
     """
     Return the file of the simulation, identified unless the dataset has it.
 
-    The caller holds the lock of `out`: another run would identify the same.
+    The caller holds the lock of `out`: another run would identify the same. The recording next to
+    which it is identified is decoded within `limits`, as those of the stages.
 
-    :raises DataError: none of the first recordings can be used, or a drive of the simulation.
-    :raises StoreUnreachable: a store does not answer.
+    :raises DataError: none of the recordings tried can be used, or a drive of the simulation.
+    :raises UsageError: a store does not answer, or a disk is full.
     """
     from adk_ros.fleet.inference.fleet_simulation import FleetSimulation
     from adk_ros.fleet.inference.further_simulations import DifferentCar
@@ -114,17 +123,11 @@ def identified_simulation(
             progress(done, 1.0, text)
 
     reasons = []
-    for recording in recordings[:_FIRST_TRIED]:
+    for recording in _tried(recordings):
         try:
-            with local_recording(recording) as local:
-                typical = read_log(
-                    local,
-                    inputs.reading,
-                    needs_imu=not inputs.without_imu,
-                    wheel_radius=radius,
-                )
+            typical = _decoded(recording, inputs, radius, out, limits)
             known = FleetSimulation.identify(simulated, typical, nominal, report, further)
-        except (StoreUnreachable, DifferentCar):
+        except DifferentCar:
             # Says nothing about the recording: another one would give no other result.
             raise
         except AdkError as error:
@@ -134,4 +137,54 @@ def identified_simulation(
         known.save(scratch)
         scratch.replace(path)
         return path
-    raise DataError(f"none of the first {len(reasons)} recordings can be used; {reasons[0]}")
+    raise DataError(
+        f"none of {len(reasons)} recordings that were tried can be used ('adk fleet index' says "
+        f"of each why); {reasons[0]}"
+    )
+
+
+def _tried(recordings: Sequence[FleetRecording]) -> list[FleetRecording]:
+    """Return the recordings that may be the typical one, in the order in which they are tried."""
+    others = recordings[_FIRST_TRIED:]
+    step = max(1, -(-len(others) // _FURTHER_TRIED))
+    return [*recordings[:_FIRST_TRIED], *others[step // 2 :: step]]
+
+
+def _decoded(
+    recording: FleetRecording, inputs: SimulationInputs, radius: float, out: Path, limits: Limits
+) -> SensorLog:
+    """
+    Return a recording, decoded in another process: it may hang, or take all memory.
+
+    :raises DataError: it cannot be used.
+    :raises UsageError: neither could others, see `stage_process.ENDS_RUN`.
+    """
+    from adk_ros.mismatch.recording.sensor_log_file import load_sensor_log
+
+    kept = out / ".typical.npz"
+    process = StageProcess(limits.memory_mib)
+    given = (recording, inputs.reading, not inputs.without_imu, radius, kept)
+    try:
+        reply = process.run(_keep_log, given, limits.timeout_s)
+        stop_if_needed(reply)
+        if reply.failure is not None:
+            raise DataError(reply.reason)
+        return load_sensor_log(kept)
+    finally:
+        process.close()
+        kept.unlink(missing_ok=True)
+
+
+def _keep_log(
+    recording: FleetRecording,
+    reading: RecordingOptions,
+    needs_imu: bool,
+    wheel_radius: float,
+    path: Path,
+) -> None:
+    """Decode a recording into a file: what the other process runs."""
+    from adk_ros.mismatch.recording.sensor_log_file import save_sensor_log
+
+    with local_recording(recording) as local:
+        log = read_log(local, reading, needs_imu=needs_imu, wheel_radius=wheel_radius)
+    save_sensor_log(log, path)

@@ -23,6 +23,7 @@ from adk_ros.api.fleet.fleet_demo import read_truth
 from adk_ros.api.fleet.fleet_evidence import CurrentEvidence, point_file
 from adk_ros.api.fleet.fleet_mismatch import fleet_mismatch, recording_tags
 from adk_ros.api.fleet.fleet_run import FleetOptions, chosen_recordings
+from adk_ros.api.fleet.identified_simulation import _tried
 from adk_ros.api.fleet.recording_minutes import recording_minutes
 from adk_ros.errors import DataError, UsageError
 from adk_ros.fleet.dataset import FleetDataset
@@ -32,6 +33,7 @@ from adk_ros.fleet.inference.place_evidence import Cell
 from adk_ros.fleet.inference.recording_evidence import PlacedValue
 from adk_ros.fleet.recording_work import run_on_recording
 from adk_ros.fleet.recordings import FleetRecording, find_recordings
+from adk_ros.fleet.run import Limits
 from adk_ros.fleet.stage import StageVersion, version_of
 from adk_ros.fleet.store import file_system
 from adk_ros.fleet.tags import Tags
@@ -293,18 +295,32 @@ def test_a_demonstration_of_another_fleet_needs_another_folder(
         read_truth(truth, seed=seed, quick=quick)
 
 
-def test_no_usable_recording_says_why(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def read(path: Path, *others: object, **given: object) -> None:
-        if path.name != "simulation":
-            raise DataError(f"{path.name} has no odometry")
-
-    monkeypatch.setattr("adk_ros.api.fleet.identified_simulation.read_log", read)
+@pytest.mark.parametrize(
+    ("timeout_s", "reason"), [(600.0, "neither MCAP"), (1e-3, "takes longer than 0.001 s")]
+)
+def test_no_usable_recording_says_why(
+    timeout_s: float, reason: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The typical recording is decoded in another process, within the limits of the stages."""
+    monkeypatch.setattr(
+        "adk_ros.api.fleet.identified_simulation.read_log", lambda *args, **given: None
+    )
     drives, simulation = tmp_path / "drives", tmp_path / "simulation"
     drives.mkdir()
     simulation.mkdir()
     (drives / "a.mcap").write_bytes(b"no bag")
-    with pytest.raises(DataError, match=r"none of the first 1 recordings can be used; a.mcap: a"):
-        fleet_mismatch(simulation, [str(drives)], tmp_path / "out")
+    options = FleetOptions(limits=Limits(timeout_s=timeout_s))
+    with pytest.raises(DataError, match=rf"none of 1 recordings .* a.mcap: .*{reason}"):
+        fleet_mismatch(simulation, [str(drives)], tmp_path / "out", options=options)
+    assert not (tmp_path / "out" / ".typical.npz").exists()
+
+
+def test_what_is_tried_is_spread_over_the_fleet() -> None:
+    few = [FleetRecording(f"{i}", f"{i}", (), 0, "") for i in range(12)]
+    assert _tried(few) == few
+    many = [FleetRecording(f"{i}", f"{i}", (), 0, "") for i in range(1010)]
+    tried = [int(each.name) for each in _tried(many)]
+    assert tried == [*range(10), *range(60, 1010, 100)]
 
 
 def test_workers_of_other_folders_find_the_files_of_a_run(

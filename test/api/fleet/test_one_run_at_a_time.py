@@ -24,6 +24,7 @@ from adk_ros.api.fleet.training_data import FleetTrainingOptions, shard_stage
 from adk_ros.bags.recording import RecordingOptions
 from adk_ros.errors import DataError
 from adk_ros.fleet.inference.evidence import RECORDING
+from adk_ros.fleet.recordings import FleetRecording
 
 NO_CLUSTER = FleetOptions(cluster="tcp://nowhere:1")
 SECOND = """
@@ -72,11 +73,15 @@ def test_a_simulation_is_identified_by_one_run(
     def read_log(path: Path, *others: object, **given: object) -> None:
         read.append(path.name)
         check_a_second_is_refused(drives, out)
-        if path.name != "simulation":
-            raise DataError("no odometry")
 
-    monkeypatch.setattr("adk_ros.api.fleet.identified_simulation.read_log", read_log)
-    with pytest.raises(DataError, match="none of the first 1 recordings"):
+    def decoded(recording: FleetRecording, *others: object) -> None:
+        read_log(Path(recording.name))
+        raise DataError("no odometry")
+
+    module = "adk_ros.api.fleet.identified_simulation"
+    monkeypatch.setattr(f"{module}.read_log", read_log)
+    monkeypatch.setattr(f"{module}._decoded", decoded)
+    with pytest.raises(DataError, match="none of 1 recordings"):
         fleet_mismatch(simulation, [str(drives)], out)
     assert read == ["simulation", "a.mcap"]
     check_released(out)
