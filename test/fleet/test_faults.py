@@ -6,13 +6,17 @@ from __future__ import annotations
 
 import re
 from collections import Counter
+from dataclasses import dataclass
+from typing import Any
 
 import fleet_faults
 import pytest
 from fleet_faults import FULL, INDEX, SECOND, STORE, Faults, Tally, criteria_of
 
 from adk_ros.api.fleet.evidence_stage import EvidenceStage, write_point
+from adk_ros.bench.fleet import disturbed_runs
 from adk_ros.bench.fleet.disturbed_runs import (
+    LoggedKeepingStage,
     LoggedStage,
     Repeats,
     _stored,
@@ -21,7 +25,7 @@ from adk_ros.bench.fleet.disturbed_runs import (
     work_of,
 )
 from adk_ros.fleet.dataset import FleetDataset
-from adk_ros.fleet.stage import version_of
+from adk_ros.fleet.stage import KeepingStage, StageVersion, version_of
 
 
 @pytest.fixture(scope="module")
@@ -99,3 +103,30 @@ def test_criteria_of_a_failed_run() -> None:
     ]
     left = Tally("driver killed, index", 1, 0, 1, 9, left=2)
     assert [each.is_met for each in criteria_of([left])] == [True, True, False]
+
+
+def test_a_stage_that_keeps_recordings_does_so_while_it_is_logged(tmp_path) -> None:
+    """Else kills would never meet what workers keep of a recording for further passes."""
+    stage = EvidenceStage("simulation.npz")
+    traced = LoggedKeepingStage(stage, str(tmp_path), 0.0, "evidence", "inputs", ())
+    assert isinstance(traced, KeepingStage)
+    of_content = traced.of_content("abc")
+    assert of_content.stage == stage.of_content("abc")
+    assert of_content.run_kept("a") is None
+    assert list(tmp_path.iterdir()) == []
+
+
+@dataclass(frozen=True)
+class Kept(EvidenceStage):
+    """A stage that has kept everything."""
+
+    def run_kept(self, recording: str) -> list[dict[str, Any]]:
+        return [{"kind": recording}]
+
+
+def test_a_start_from_what_was_kept_is_logged(tmp_path, monkeypatch) -> None:
+    monkeypatch.setattr(disturbed_runs, "version_of", lambda stage: StageVersion("", "", "inputs"))
+    traced = LoggedKeepingStage(Kept(""), str(tmp_path), 0.0, "evidence", "inputs", ())
+    assert traced.run_kept("a") == [{"kind": "a"}]
+    (started,) = tmp_path.iterdir()
+    assert started.name.startswith(work_of("evidence", "inputs", "a"))

@@ -17,7 +17,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import wraps
 from pathlib import Path
 from typing import Any
@@ -26,7 +26,7 @@ import psutil
 
 from adk_ros.fleet.dataset import RESULTS, FleetDataset
 from adk_ros.fleet.libraries import fleet_library
-from adk_ros.fleet.stage import Stage, version_of
+from adk_ros.fleet.stage import KeepingStage, Stage, version_of
 
 WORKERS = 2
 VARYING = ("seconds", "memory_mib", "written_s")
@@ -66,10 +66,35 @@ class LoggedStage:
 
     def run(self, path: Path, recording: str) -> list[dict[str, Any]]:
         """Return the rows of the stage."""
+        self._log_start(recording)
+        return self.stage.run(path, recording)
+
+    def _log_start(self, recording: str) -> None:
         work = work_of(self.name, version_of(self.stage).inputs_of(recording), recording)
         (Path(self.log) / f"{work}-{time.time_ns()}-{os.getpid()}").touch()
         time.sleep(self.nap_s)
-        return self.stage.run(path, recording)
+
+
+@dataclass(frozen=True)
+class LoggedKeepingStage(LoggedStage):
+    """
+    One that keeps what it has read: a killed worker may leave that as well.
+
+    A start from what is kept is logged once it has been read, since it may not be there.
+    """
+
+    stage: KeepingStage
+
+    def of_content(self, content_hash: str) -> LoggedKeepingStage:
+        """Return the stage for a recording with this hash of its content."""
+        return replace(self, stage=self.stage.of_content(content_hash))
+
+    def run_kept(self, recording: str) -> list[dict[str, Any]] | None:
+        """Return the rows of the stage from what was kept; None if nothing was."""
+        rows = self.stage.run_kept(recording)
+        if rows is not None:
+            self._log_start(recording)
+        return rows
 
 
 def work_of(stage: str, inputs_hash: str, recording: str) -> str:
@@ -84,8 +109,10 @@ def log_starts(log: str, nap_s: float) -> None:
 
     @wraps(run_stage)
     def logged(stage: Stage, *given: Any) -> Any:
-        known = stage.name, stage.inputs_hash, stage.shared_paths
-        return run_stage(LoggedStage(stage, log, nap_s, *known), *given)
+        known = log, nap_s, stage.name, stage.inputs_hash, stage.shared_paths
+        if isinstance(stage, KeepingStage):
+            return run_stage(LoggedKeepingStage(stage, *known), *given)
+        return run_stage(LoggedStage(stage, *known), *given)
 
     for module in (fleet_run, fleet_mismatch):
         vars(module)["run_stage"] = logged
