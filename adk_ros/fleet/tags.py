@@ -93,7 +93,7 @@ def read_tags(path: Path | str, recordings: Sequence[FleetRecording]) -> TagTabl
 
     Columns recording, vehicle and time (ISO 8601; without an offset UTC), then any others.
     `recording` is the name of a recording or its path below the folder of the table, with or
-    without the ending of its file.
+    without the ending of its file, or the folder that it lies in alone.
 
     :param path: on the disk, or URL.
     :raises UsageError: the file cannot be read, a column or value is missing or wrong, a recording
@@ -107,6 +107,7 @@ def read_tags(path: Path | str, recordings: Sequence[FleetRecording]) -> TagTabl
         if (place := recording.uri.rpartition("://")[2]).startswith(folder):
             known.setdefault(place.removeprefix(folder), recording.name)
     _add_without_ending(known)
+    _add_folders(known)
     tags: dict[str, Tags] = {}
     unknown = []
     for number, given, read in _rows(path):
@@ -166,6 +167,17 @@ def _add_without_ending(known: dict[str, str]) -> None:
         folder, slash, last = name.rpartition("/")
         if stem := last.rpartition(".")[0]:
             known.setdefault(f"{folder}{slash}{stem}", known[name])
+
+
+def _add_folders(known: dict[str, str]) -> None:
+    """Add the folders of single recordings: a bag that has lost its metadata.yaml is one file."""
+    within: dict[str, set[str]] = {}
+    for path, name in known.items():
+        if folder := path.rpartition("/")[0]:
+            within.setdefault(folder, set()).add(name)
+    for folder, names in within.items():
+        if len(names) == 1:
+            known.setdefault(folder, *names)
 
 
 def _named(names: Sequence[str]) -> str:

@@ -13,7 +13,9 @@ from helpers.fleet_results import filled
 from adk_ros.api.fleet.fleet_run import FleetOptions, estimate_fleet, run_fleet
 from adk_ros.api.fleet.results import fleet_frame
 from adk_ros.cli import fleet as fleet_cli
+from adk_ros.fleet.recordings import FleetRecording
 from adk_ros.fleet.run import RunSummary
+from adk_ros.fleet.tags import read_tags
 
 HEAD = "recording,vehicle,time,rain\n"
 
@@ -77,6 +79,17 @@ def test_what_does_not_match_is_counted(
     assert all("".join(line.split()) in printed for line in expected)
     path.unlink()
     assert run(stage, drives, tmp_path / "out").notes == ()
+
+
+def test_a_folder_names_the_recording_that_lies_in_it_alone(tmp_path: Path) -> None:
+    """As a bag that has lost its metadata.yaml."""
+    names = ("alone/x.mcap", "two/a.mcap", "two/b.mcap")
+    recordings = [FleetRecording(name, str(tmp_path / name), (), 0, "") for name in names]
+    table = tmp_path / "fleet.csv"
+    table.write_text(f"{HEAD}alone,car 1,,no\ntwo,car 2,,no\n")
+    found = read_tags(table, recordings)
+    assert {name: each.vehicle for name, each in found.tags.items()} == {"alone/x.mcap": "car 1"}
+    assert "two (line 3)" in found.notes[0]
 
 
 def test_the_table_of_the_recordings_is_not_rewritten(drives: Path, tmp_path: Path) -> None:
