@@ -254,6 +254,9 @@ def report(
             console.output.print(f"  failed: {name}: {reason}", markup=False)
         for kind, finding, count in stage["findings"]:
             console.output.print(f"  {kind}: {finding}: {count} recordings", markup=False)
+    page = out / "report" / "fleet.html"
+    if page.is_file():
+        console.output.print(f"page of 'adk fleet mismatch': {page}", markup=False)
 
 
 app.command()(train)

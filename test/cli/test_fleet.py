@@ -151,6 +151,17 @@ def test_a_recording_gets_its_own_report(tmp_path) -> None:
     assert stage.inputs_hash != before
 
 
+def test_the_summary_names_the_page(drives, tmp_path, capsys) -> None:
+    out = tmp_path / "out"
+    filled(drives, out, IndexStage())
+    assert main(["fleet", "report", str(out)]) == 0
+    assert "page" not in capsys.readouterr().out
+    (out / "report").mkdir()
+    (out / "report" / "fleet.html").write_text("<html></html>")
+    assert main(["fleet", "report", str(out)]) == 0
+    assert "page of 'adk fleet mismatch':" in capsys.readouterr().out
+
+
 def test_a_run_with_nothing_to_do_starts_no_worker(drives, tmp_path, capsys) -> None:
     out = tmp_path / "out"
     filled(drives, out, IndexStage())
