@@ -24,7 +24,7 @@ from adk_ros.cli.fleet_options import (
     fleet_options,
 )
 from adk_ros.cli.fleet_run import continued_later, print_estimate
-from adk_ros.cli.options import ForceOption, JsonOption, NoImuOption, ParamsOption, read_options
+from adk_ros.cli.options import JsonOption, NoImuOption, ParamsOption, read_options
 from adk_ros.cli.train import noted_checkpoint, print_result
 
 _SHOWN = 5
@@ -64,7 +64,9 @@ def train(
     memory: MemoryOption = 4096.0,
     retry_failed: RetryOption = False,
     dry_run: DryRunOption = False,
-    force: ForceOption = False,
+    force: Annotated[
+        bool, typer.Option("--force", help="replace an earlier model at --model")
+    ] = False,
     as_json: JsonOption = False,
 ) -> None:
     """
