@@ -17,7 +17,7 @@ from adk_ros.fleet.recordings import (
     content_hash,
     local_recording,
 )
-from adk_ros.fleet.stage import KeepingStage, Stage
+from adk_ros.fleet.stage import Stage, keeps_recordings
 from adk_ros.fleet.stage_process import NotShared
 
 
@@ -63,7 +63,7 @@ def run_on_recording(
     :raises UsageError: the recording has changed since it was listed.
     """
     _require(shared)
-    if content and isinstance(stage, KeepingStage):
+    if content and keeps_recordings(stage):
         stage = keeping = stage.of_content(content)
         kept = keeping.run_kept(recording.name)
         if kept is not None:

@@ -8,7 +8,7 @@ import hashlib
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, Protocol, TypeGuard, runtime_checkable
 
 from adk_ros.files.code_digest import code_digest
 
@@ -52,7 +52,6 @@ class StagePerRecording(Protocol):
         """Return a function: name of a recording -> hash of its inputs, "" for none."""
 
 
-@runtime_checkable
 class KeepingStage(Stage, Protocol):
     """A stage that keeps what it has read, so that it reads a recording once for several runs."""
 
@@ -65,6 +64,16 @@ class KeepingStage(Stage, Protocol):
 
         :raises AdkError: the recording is unusable.
         """
+
+
+def keeps_recordings(stage: Stage) -> TypeGuard[KeepingStage]:
+    """
+    Whether a stage is a `KeepingStage`.
+
+    By its class: until Python 3.12, isinstance with a protocol reads the properties of the object,
+    and the hash of the inputs reads all their files.
+    """
+    return hasattr(type(stage), "run_kept")
 
 
 def _no_inputs(recording: str) -> str:

@@ -26,7 +26,7 @@ import psutil
 
 from adk_ros.fleet.dataset import RESULTS, FleetDataset
 from adk_ros.fleet.libraries import fleet_library
-from adk_ros.fleet.stage import KeepingStage, Stage, version_of
+from adk_ros.fleet.stage import KeepingStage, Stage, keeps_recordings, version_of
 
 WORKERS = 2
 VARYING = ("seconds", "memory_mib", "written_s")
@@ -110,7 +110,7 @@ def log_starts(log: str, nap_s: float) -> None:
     @wraps(run_stage)
     def logged(stage: Stage, *given: Any) -> Any:
         known = log, nap_s, stage.name, stage.inputs_hash, stage.shared_paths
-        if isinstance(stage, KeepingStage):
+        if keeps_recordings(stage):
             return run_stage(LoggedKeepingStage(stage, *known), *given)
         return run_stage(LoggedStage(stage, *known), *given)
 
