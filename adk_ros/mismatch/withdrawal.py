@@ -5,7 +5,8 @@ Claims that held-out data take back.
 
 What is claimed of an unknown cause is withdrawn where it leaves most of the error. Effects of the
 vehicle, and a formula where noise may explain the recording without it, are withdrawn where every
-error was explained without them and their correction raises one, and not lowers them on the whole.
+error was explained without them and their correction raises one and does not lower them on the
+whole.
 """
 
 from __future__ import annotations
