@@ -5,8 +5,8 @@ Effects at places of a fleet: the same cell of the map, on several recordings.
 
 Each cell is tested for each parameter against an empirical null (`cell_tests`).
 The most significant cell says that something acts there. What it is, the cells around say as well:
-of all effects the one that gains most there is taken, with the adjoining cells that show it. It is
-subtracted, and the search goes on.
+of all effects the one that explains most there is taken (`place_comparison`), with the adjoining
+cells that show it. It is subtracted, and the search goes on.
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ from adk_ros.fleet.inference.cell_tests import (
     p_value,
     tail_of,
 )
+from adk_ros.fleet.inference.place_comparison import evidence
 from adk_ros.fleet.inference.place_data import Place, PlaceData
 from adk_ros.fleet.inference.place_evidence import Cell
 from adk_ros.mismatch.library.criteria import (
@@ -195,14 +196,16 @@ class _PlaceSearch:
             if (cells := _cells_that_show(key, seed, tests[key], self._significance, blocked))
             and is_claimable(key, _together(tests[key], cells))
         } or {found: [seed]}
-        key = max(shown, key=lambda one: _together(tests[one], shown[one]).gain)
+        key = max(shown, key=lambda one: evidence(one, shown[one], tests, self._cells))
         cells = shown[key]
-        there = {one: _together(of_key, cells) for one, of_key in tests.items()}
-        whole = there.pop(key)
+        gains = {one: evidence(one, cells, tests, self._cells) for one in tests}
+        whole = _together(tests[key], cells)
         alternatives = tuple(
             other
-            for other, test in there.items()
-            if is_claimable(other, test) and whole.gain - test.gain < INDISTINGUISHABLE_LOSS
+            for other, gain in gains.items()
+            if other != key
+            and is_claimable(other, _together(tests[other], cells))
+            and gains[key] - gain < INDISTINGUISHABLE_LOSS
         )
         return Place(
             key,

@@ -76,18 +76,23 @@ def test_an_effect_at_a_place_is_found_with_its_cells() -> None:
     assert place.interval[0] < 6.0 < place.interval[1]
 
 
-def _rows_of_two(cells: tuple[int, ...], sizes: dict[int, tuple[float, float]]) -> list[Row]:
+def _rows_of_two(
+    cells: tuple[int, ...], sizes: dict[int, tuple[float, float]], correlation: float = 0.0
+) -> list[Row]:
     """
     Return rows at cells of a line, with the sizes of a bank and a grade in some of them.
 
-    The surrogate's error feigns the bank everywhere, so that its size says little.
+    The surrogate's error feigns the bank everywhere, so that its size says little. `correlation`:
+    that of the noise in the scores of both.
     """
     feigned = np.array([1.5, 0.1])
+    products = np.array([[1.0, correlation], [correlation, 1.0]])
+    deviation = np.linalg.cholesky(products)
     rng = np.random.default_rng(1)
     rows: list[Row] = []
     for x in cells:
         everywhere = feigned * rng.standard_normal(2)
-        acts = np.array(sizes.get(x, (0.0, 0.0)))
+        acts = products @ sizes.get(x, (0.0, 0.0))
         for name in NAMES:
             row = {
                 "schema": SCHEMA,
@@ -96,8 +101,8 @@ def _rows_of_two(cells: tuple[int, ...], sizes: dict[int, tuple[float, float]]) 
                 "cell": Cell(x, 0, 0).text,
                 "counted_s": 4.0,
                 "effects": "road_bank.bank,road_grade.grade",
-                "score": packed(acts + everywhere + rng.standard_normal(2)),
-                "information": packed(np.eye(2)),
+                "score": packed(acts + everywhere + deviation @ rng.standard_normal(2)),
+                "information": packed(products),
                 "cross": np.zeros((2, 2), dtype="<f4").tobytes(),
             }
             rows.append(row)
@@ -112,6 +117,14 @@ def test_the_gain_of_an_effect_is_against_what_the_surrogate_feigns() -> None:
     first = _found(_rows_of_two(APART, {300: (15.0, 6.0)}))[0]
     assert (first.key, first.alternatives) == ("road_grade.grade", ())
     assert first.interval[0] < 6.0 < first.interval[1]
+
+
+def test_what_a_large_effect_moves_of_another_one_is_not_that_one() -> None:
+    """The bank stands out less than the grade, as the surrogate errs in the bank."""
+    rows = _rows_of_two((20, *APART), {20: (12.0, 0.0)}, correlation=-0.2)
+    (place,) = _found(rows)
+    assert (place.key, place.alternatives) == ("road_bank.bank", ())
+    assert place.interval[0] < 12.0 < place.interval[1]
 
 
 def test_an_effect_is_taken_that_the_cells_around_show_as_well() -> None:
