@@ -37,7 +37,10 @@ from adk_ros.mismatch.library.criteria import MIN_GAIN_PER_EXCESS
 from adk_ros.numerics.arrays import FloatArray
 
 _LEVELS_PER_PARAMETER = 3
-"""Levels of a parameter that are fitted in full in one step, those of the largest gains."""
+"""
+Levels of a parameter that are fitted in full in one step, those of the largest gains. The change
+points of one trend would take the place of what all cars share.
+"""
 _LEAST_SAVED = 0.5
 """Share of the required saving that the approximate one must reach. By choice."""
 MIN_GAIN_PER_NULL_EXCESS = 5e-4
@@ -165,11 +168,18 @@ class Candidates:
             if not which.any():
                 continue
             gains = np.where(which, self.gains(model, effect), -1.0)
-            for i in np.argsort(-gains)[:_LEVELS_PER_PARAMETER]:
+            for i in self._largest(gains):
                 candidate = Candidate(effect, self.levels[i], self.designs[i])
                 if which[i] and self.is_allowed(model, candidate):
                     out.append((float(gains[i]), candidate))
         return sorted(out, key=lambda pair: -pair[0])
+
+    def _largest(self, gains: FloatArray) -> list[int]:
+        """Return the levels of the largest gains (levels,), of each trend one change point."""
+        found: dict[Level, int] = {}
+        for i in np.argsort(-gains):
+            found.setdefault(replace(self.levels[i], onset=0.0), int(i))
+        return list(found.values())[:_LEVELS_PER_PARAMETER]
 
     def is_claimable(self, found: Assessment) -> bool:
         """Whether a candidate is significant, material, and possible."""

@@ -12,6 +12,7 @@ from helpers.numerical_fleets import with_same_derivatives
 
 from adk_ros.fleet.inference.assessment import Assessment, extended
 from adk_ros.fleet.inference.evidence import SimulationError
+from adk_ros.fleet.inference.fleet_candidates import identity
 from adk_ros.fleet.inference.fleet_model import Candidate, FleetModel, remaining_excess
 from adk_ros.fleet.inference.fleet_selection import Selection
 from adk_ros.fleet.inference.levels import (
@@ -72,6 +73,18 @@ def test_a_drift_of_one_car_is_a_trend() -> None:
     levels = [c.level for c in model.claimed]
     assert [(level.kind, level.car) for level in levels] == [(RAMP, "car03")]
     assert 10.0 < levels[0].onset < 40.0
+
+
+def test_the_change_points_of_a_trend_are_one_candidate() -> None:
+    """What all cars share is examined as well, though each change point exceeds it."""
+    drift = Injection("rolling_resistance.crr", Level(RAMP, car="car03", onset=25.0), 30.0)
+    fleet = draw_fleet(2, FleetPlan(cars=4, effects=6, recordings=48, injections=(drift,)))
+    ranked = Selection(fleet).ranked(FleetModel((), {}))
+    effect = fleet.columns.effects.index(drift.key)
+    kinds = [c.level.kind for _, c in ranked if c.effect == effect]
+    assert sorted(kinds) == [CAR, RAMP, STEP]
+    found = {identity(candidate) for _, candidate in ranked}
+    assert len(found) == len(ranked)
 
 
 def test_an_effect_beyond_its_range_is_not_claimed() -> None:
