@@ -31,7 +31,7 @@ class ErrorRates:
     @classmethod
     def of(cls, levels: Sequence[Level], parameters: int, at_places: int) -> ErrorRates:
         """Return those of every parameter at every level, and of tests at places."""
-        counts = Counter(_question(level) for level in levels)
+        counts = Counter(question_of(level) for level in levels)
         tests = {question: parameters * count for question, count in counts.items()}
         return cls({q: n for q, n in {**tests, _PLACE: at_places}.items() if n > 0})
 
@@ -52,16 +52,17 @@ class ErrorRates:
 
     def of_level(self, level: Level) -> float:
         """Return the largest p-value of a significant candidate at a level."""
-        return self._of(_question(level))
+        return self._of(question_of(level))
 
     def tests_of(self, level: Level) -> int:
         """Return the number of tests of the question that a level belongs to."""
-        return self.counts.get(_question(level), 1)
+        return self.counts.get(question_of(level), 1)
 
     def _of(self, question: str) -> float:
         share = FAMILYWISE_ERROR_RATE / max(len(self.counts), 1)
         return share / max(self.counts.get(question, 1), 1)
 
 
-def _question(level: Level) -> str:
+def question_of(level: Level) -> str:
+    """Return which question it is whether an effect acts at a level."""
     return _TREND if is_trend(level) else level.kind

@@ -71,7 +71,7 @@ def plainer_levels(selection: Selection, model: FleetModel) -> FleetModel:
             changed = replace(
                 model, claimed=(*model.claimed[:i], swapped, *model.claimed[i + 1 :])
             )
-            is_usable = selection.is_allowed(changed, swapped)
+            is_usable = selection.is_allowed(changed, identity(swapped))
             if identity(swapped) in taken or not is_usable or selection.dependents(model, claim):
                 continue
             other = selection.refitted(changed)

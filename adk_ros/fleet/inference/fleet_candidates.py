@@ -12,13 +12,13 @@ cars what tolerances leave in their mean, which is smaller by the square root of
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
 
 import numpy as np
 
 from adk_ros.fleet.inference.assessment import Assessment, assessment_of, extended
-from adk_ros.fleet.inference.error_rates import ErrorRates
+from adk_ros.fleet.inference.error_rates import ErrorRates, question_of
 from adk_ros.fleet.inference.fleet_evidence import FleetEvidence
 from adk_ros.fleet.inference.fleet_model import (
     MIN_SHARED_GAIN,
@@ -37,10 +37,8 @@ from adk_ros.mismatch.library.criteria import MIN_GAIN_PER_EXCESS
 from adk_ros.numerics.arrays import FloatArray
 
 _LEVELS_PER_PARAMETER = 3
-"""
-Levels of a parameter that are fitted in full in one step, those of the largest gains. The change
-points of one trend would take the place of what all cars share.
-"""
+"""Levels of a parameter that are fitted in full in one step, those of the largest gains; and the
+likeliest of each question (`error_rates`), of which a fault of one car would take the place."""
 _LEAST_SAVED = 0.5
 """Share of the required saving that the approximate one must reach. By choice."""
 MIN_GAIN_PER_NULL_EXCESS = 5e-4
@@ -78,6 +76,7 @@ class Candidates:
         self.fleet = fleet
         self.levels = levels_of(fleet)
         self.designs = np.array([level.design(fleet) for level in self.levels])
+        self._without_onset = [replace(level, onset=0.0) for level in self.levels]
         informative = np.einsum("rii->i", fleet.informations)[fleet.columns.first_effect :]
         self.observable = [int(i) for i in np.flatnonzero(informative > 0.0)]
         self.rates = ErrorRates.of(self.levels, len(self.observable), further_tests)
@@ -87,9 +86,8 @@ class Candidates:
         self.beside = dict(beside or {})
         self.progress = progress or (lambda done, text: None)
 
-    def is_allowed(self, model: FleetModel, candidate: Candidate) -> bool:
+    def is_allowed(self, model: FleetModel, known: Identity) -> bool:
         """Whether a candidate may be claimed next to the claims of a model, refused ones not."""
-        known = identity(candidate)
         better = self.beside.get(known)
         is_beside = better is None or any(identity(claim) == better for claim in model.claimed)
         return is_beside and known not in self.refused
@@ -146,15 +144,23 @@ class Candidates:
         examined = [Candidate(effect, level, level.design(self.fleet)) for level in levels]
         mixed = model.mixed(self.fleet, examined)
         profile = mixed.profile(model.terms(), components, active.index(effect), of_term=True)
-        return evidence_of_designs(profile, self.designs)
+        # Of all other levels strangers say nothing, as when these are assessed.
+        strange = np.array([car in model.strangers for car in self.fleet.cars])
+        of_several = np.array([not level.car for level in self.levels])
+        designs = np.where(of_several[:, None] & strange, 0.0, self.designs)
+        return evidence_of_designs(profile, designs)
 
     def ranked(
-        self, model: FleetModel, excess: FloatArray | None = None
+        self,
+        model: FleetModel,
+        excess: FloatArray | None = None,
+        refused: Collection[Identity] = (),
     ) -> list[tuple[float, Candidate]]:
         """
         Return the candidates of the largest gains of each parameter, largest first.
 
-        `excess` (r,): of the model; then only those that save about enough of it.
+        `excess` (r,): of the model; then only those that save about enough of it. `refused`: what
+        is left out.
         """
         out = []
         required = None if excess is None else self.required(excess)
@@ -168,18 +174,30 @@ class Candidates:
             if not which.any():
                 continue
             gains = np.where(which, self.gains(model, effect), -1.0)
-            for i in self._largest(gains):
-                candidate = Candidate(effect, self.levels[i], self.designs[i])
-                if which[i] and self.is_allowed(model, candidate):
-                    out.append((float(gains[i]), candidate))
+            out += [
+                (float(gains[i]), Candidate(effect, self.levels[i], self.designs[i]))
+                for i in self._largest(model, effect, gains, refused)
+                if which[i]
+            ]
         return sorted(out, key=lambda pair: -pair[0])
 
-    def _largest(self, gains: FloatArray) -> list[int]:
-        """Return the levels of the largest gains (levels,), of each trend one change point."""
+    def _largest(
+        self, model: FleetModel, effect: int, gains: FloatArray, refused: Collection[Identity]
+    ) -> list[int]:
+        """
+        Return the allowed levels of the largest gains (levels,), and the largest of each question.
+
+        Of each trend one change point.
+        """
         found: dict[Level, int] = {}
         for i in np.argsort(-gains):
-            found.setdefault(replace(self.levels[i], onset=0.0), int(i))
-        return list(found.values())[:_LEVELS_PER_PARAMETER]
+            level = self._without_onset[i]
+            known = effect, level
+            if level not in found and known not in refused and self.is_allowed(model, known):
+                found[level] = int(i)
+        questions = {question_of(level): i for level, i in reversed(found.items())}
+        largest = list(found.values())[:_LEVELS_PER_PARAMETER]
+        return list(dict.fromkeys([*largest, *questions.values()]))
 
     def is_claimable(self, found: Assessment) -> bool:
         """Whether a candidate is significant, material, and possible."""

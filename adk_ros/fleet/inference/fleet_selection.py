@@ -133,12 +133,10 @@ class Selection(Candidates):
         best: Assessment | None = None
         least = max(float(ndtri(0.5 * self.rates.largest)) ** 2, floor)
         excess = remaining_excess(self.fleet, model)
-        for gain, candidate in self.ranked(model, excess):
+        for gain, candidate in self.ranked(model, excess, refused):
             # No candidate has more evidence than its gain: the rest is no better.
             if gain < max(least, 0.0 if best is None else best.evidence):
                 break
-            if identity(candidate) in refused:
-                continue
             found = self.assess(model, candidate)
             if best is not None and found.evidence <= best.evidence:
                 continue
@@ -203,10 +201,10 @@ class Selection(Candidates):
         a hundred times the loss.
         """
         found: list[Assessment] = []
-        for gain, candidate in self.ranked(model):
+        for gain, candidate in self.ranked(model, refused=refused):
             if gain < floor or len(found) == _EXAMINED:
                 break
-            if is_wanted(candidate.level) and identity(candidate) not in refused:
+            if is_wanted(candidate.level):
                 found.append(self.assess(model, candidate))
         usable = [one for one in found if self.is_claimable(one)]
         usable.sort(key=lambda one: -likelihood(self.fleet, extended(model, one)))

@@ -79,7 +79,7 @@ class NonlinearCandidates:
             for candidate in everywhere
             if columns.column(columns.effects[candidate.effect]).parameter.starts
             and identity(candidate) not in known
-            and selection.is_allowed(model, candidate)
+            and selection.is_allowed(model, identity(candidate))
         ]
         found = [
             one

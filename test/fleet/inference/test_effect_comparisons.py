@@ -58,8 +58,7 @@ def test_what_is_worse_is_claimed_next_to_what_is_better(
     selection = Selection(fleet, beside=worse_drag)
     assert (DRAG in claimed(selection, selection.select())) is is_claimed
     # It is about one level: of a software it says nothing.
-    of_software = replace(everywhere(fleet, DRAG), level=NEW)
-    assert selection.is_allowed(FleetModel((), {}), of_software)
+    assert selection.is_allowed(FleetModel((), {}), about(fleet, DRAG, NEW))
 
 
 def test_what_is_worse_goes_with_what_is_better() -> None:

@@ -75,14 +75,14 @@ def test_a_drift_of_one_car_is_a_trend() -> None:
     assert 10.0 < levels[0].onset < 40.0
 
 
-def test_the_change_points_of_a_trend_are_one_candidate() -> None:
-    """What all cars share is examined as well, though each change point exceeds it."""
+def test_a_fault_of_one_car_hides_no_other_level() -> None:
+    """Each question is examined, and of each trend one change point."""
     drift = Injection("rolling_resistance.crr", Level(RAMP, car="car03", onset=25.0), 30.0)
     fleet = draw_fleet(2, FleetPlan(cars=4, effects=6, recordings=48, injections=(drift,)))
     ranked = Selection(fleet).ranked(FleetModel((), {}))
     effect = fleet.columns.effects.index(drift.key)
     kinds = [c.level.kind for _, c in ranked if c.effect == effect]
-    assert sorted(kinds) == [CAR, RAMP, STEP]
+    assert set(kinds) == {SHARED, CAR, CONDITION, RAMP, STEP}
     found = {identity(candidate) for _, candidate in ranked}
     assert len(found) == len(ranked)
 
