@@ -12,6 +12,7 @@ from adk_ros.fleet.inference.evidence import RECORDING, Evidence, Row, column_of
 from adk_ros.fleet.inference.fleet_estimate import FleetEstimate
 from adk_ros.fleet.inference.fleet_evidence import FleetEvidence
 from adk_ros.fleet.inference.fleet_model import FleetModel
+from adk_ros.numerics.arrays import FloatArray
 
 MISFIT = 400.0
 """Loss per squared difference of the size from the true one, in materiality thresholds."""
@@ -25,6 +26,22 @@ def with_same_derivatives(fleet: FleetEvidence, column: int, as_column: int) -> 
     informations[:, column, column] = fleet.informations[:, as_column, as_column]
     scores[:, column] = fleet.scores[:, as_column]
     return replace(fleet, informations=informations, scores=scores)
+
+
+def with_unlisted_fault(
+    fleet: FleetEvidence, car: str, column: int, sizes: FloatArray
+) -> FleetEvidence:
+    """
+    Return a fleet whose car has a fault that nothing explains, as other physics would.
+
+    It moves an effect (`column` of the joint vector) by `sizes` (r,) in the car's recordings.
+    """
+    scores, excess = fleet.scores.copy(), fleet.excess.copy()
+    for i in np.flatnonzero(np.array(fleet.cars) == car):
+        h = fleet.informations[i]
+        scores[i] += h[:, column] * sizes[i]
+        excess[i] += 50_000.0 + h[column, column] * sizes[i] ** 2
+    return replace(fleet, scores=scores, excess=excess)
 
 
 def evidence_of(fleet: FleetEvidence, i: int) -> Evidence:

@@ -22,8 +22,8 @@ from adk_ros.fleet.inference.fleet_model import (
     Candidate,
     FleetModel,
     inexactness,
-    likelihood,
     remaining_excess,
+    rise,
 )
 from adk_ros.fleet.inference.fleet_selection import Selection
 from adk_ros.fleet.inference.levels import CAR, CONDITION, SHARED, Level, is_trend
@@ -50,9 +50,9 @@ def exchanged(selection: Selection, model: FleetModel) -> FleetModel:
             None,
         )
         if found is None:
-            break
+            return model
         model = found
-    return model
+    return plainer_levels(selection, model)
 
 
 def plainer_levels(selection: Selection, model: FleetModel) -> FleetModel:
@@ -75,8 +75,7 @@ def plainer_levels(selection: Selection, model: FleetModel) -> FleetModel:
             if identity(swapped) in taken or not is_usable or selection.dependents(model, claim):
                 continue
             other = selection.refitted(changed)
-            loss = likelihood(selection.fleet, model) - likelihood(selection.fleet, other)
-            if loss > 0.5 * PENALTY_PER_PARAMETER:
+            if rise(selection.fleet, other, model) > 0.5 * PENALTY_PER_PARAMETER:
                 continue
             if is_trend(claim.level) or _extent(selection, other) < _extent(selection, model):
                 return plainer_levels(selection, other)
@@ -105,15 +104,14 @@ def _without(selection: Selection, model: FleetModel, claim: Assessment) -> Flee
     """Return a more likely model without a claim, if there is one."""
     rest = selection.without(model, claim.candidate)
     refused = {identity(claim.candidate)}
-    least = likelihood(selection.fleet, model)
     # What takes the place of a claim has about as much evidence as it has.
     floor = _LEAST_SHARE * claim.evidence
     single = selection.best(rest, refused, floor)
     if single is not None:
         other, _ = selection.with_claim(rest, single)
-        if likelihood(selection.fleet, other) > least:
+        if _gain(selection, model, other, claim.candidate, single.candidate) > 0.0:
             return other
-    swapped = _with_a_likelier_one(selection, rest, claim.candidate, least)
+    swapped = _with_a_likelier_one(selection, model, rest, claim.candidate)
     if swapped is not None:
         return swapped
     level = claim.candidate.level
@@ -121,33 +119,43 @@ def _without(selection: Selection, model: FleetModel, claim: Assessment) -> Flee
         # Two effects imitate one of a car more often than a car has two that one imitates.
         return None
     inexact = inexactness(selection.fleet, model, claim.candidate)
-    return next(likelier_pairs(selection, rest, claim, least + 0.5 * inexact), None)
+    return next(likelier_pairs(selection, model, rest, claim, 0.5 * inexact), None)
+
+
+def _gain(
+    selection: Selection, model: FleetModel, other: FleetModel, claim: Candidate, new: Candidate
+) -> float:
+    """Return what another claim raises the likelihood by, less the penalty of a change point."""
+    has_onset = is_trend(new.level) and not is_trend(claim.level)
+    return rise(selection.fleet, model, other) - 0.5 * PENALTY_PER_PARAMETER * has_onset
 
 
 def likelier_pairs(
-    selection: Selection, rest: FleetModel, claim: Assessment, least: float
+    selection: Selection, model: FleetModel, rest: FleetModel, claim: Assessment, margin: float
 ) -> Iterator[FleetModel]:
     """
     Yield models with two effects of its level in place of a claim that are likelier.
 
-    `rest`: the model without the claim. `least`: what the logarithm of the likelihood must exceed
-    by half a parameter's penalty. The last two claims are the pair.
+    `rest`: `model` without the claim. `margin`: what the logarithm of the likelihood must rise by,
+    besides half a parameter's penalty. The last two claims are the pair.
     """
-    level, refused = claim.candidate.level, {identity(claim.candidate)}
+    level, refused = replace(claim.candidate.level, onset=0.0), {identity(claim.candidate)}
     floor = 0.5 * _LEAST_SHARE * claim.evidence
-    least += 0.5 * PENALTY_PER_PARAMETER
-    pairs = selection.pairs(rest, refused, lambda other: other == level, floor, least)
-    yield from (both for both in pairs if likelihood(selection.fleet, both) > least)
+    margin += 0.5 * PENALTY_PER_PARAMETER
+    pairs = selection.pairs(
+        rest, refused, lambda other: replace(other, onset=0.0) == level, floor, (model, margin)
+    )
+    yield from (both for both in pairs if rise(selection.fleet, model, both) > margin)
 
 
 def _with_a_likelier_one(
-    selection: Selection, rest: FleetModel, claim: Candidate, least: float
+    selection: Selection, model: FleetModel, rest: FleetModel, claim: Candidate
 ) -> FleetModel | None:
     """
     Return the model with the likeliest of a few other effects in place of a claim, if any is.
 
-    `rest`: the model without the claim; `least`: what the logarithm of the likelihood must exceed,
-    by half a parameter's penalty where a change point is added.
+    `rest`: the model without the claim. Where a change point is added, the logarithm of the
+    likelihood must rise by half a parameter's penalty.
     Evidence is of the size of an effect alone. An effect that all cars have as well may have much
     in one car, since the cars then seem to differ less, though another one leaves less of the
     loss: a torque offset for a brake that drags on one side.
@@ -155,6 +163,7 @@ def _with_a_likelier_one(
     excess = remaining_excess(selection.fleet, rest)
     examined: set[Identity] = set()
     best: FleetModel | None = None
+    most = 0.0
     for _, candidate in selection.ranked(rest, excess):
         known = identity(candidate)
         if len(examined) == _EXAMINED:
@@ -166,12 +175,10 @@ def _with_a_likelier_one(
         if not selection.is_claimable(found) or not selection.explains(rest, found, excess):
             continue
         # Both models are fitted in the same way, with the strangers that each leaves.
-        model, dropped = selection.with_claim(rest, found)
-        exceeded = likelihood(selection.fleet, model)
-        if is_trend(candidate.level) and not is_trend(claim.level):
-            exceeded -= 0.5 * PENALTY_PER_PARAMETER
-        if exceeded > least and not any(identity(one) == known for one in dropped):
-            best, least = model, exceeded
+        other, dropped = selection.with_claim(rest, found)
+        gain = _gain(selection, model, other, claim, candidate)
+        if gain > most and not any(identity(one) == known for one in dropped):
+            best, most = other, gain
     return best
 
 

@@ -194,6 +194,35 @@ def likelihood(fleet: FleetEvidence, model: FleetModel) -> float:
     return model.mixed(fleet).estimate(model.terms(), components).likelihood
 
 
+def rise(fleet: FleetEvidence, model: FleetModel, other: FleetModel) -> float:
+    """
+    Return by how much the logarithm of the likelihood of `other` exceeds that of `model`.
+
+    In the recordings of strangers, of those of both models, the effects of both are free for both:
+    else the one would be likelier whose effects happen to fit a fault that is not claimed.
+    """
+    if not (model.strangers or other.strangers):
+        return likelihood(fleet, other) - likelihood(fleet, model)
+    claims = (*model.claimed, *other.claimed)
+    active = sorted({c.effect for c in claims})
+    taken = {(c.effect, c.level.car) for c in claims}
+    strangers = set(model.strangers) & set(other.strangers)
+    free = [
+        [car in strangers and (effect, car) not in taken for effect in active]
+        for car in fleet.cars
+    ]
+    mixed = MixedModel(fleet, active, np.array(free).reshape(len(fleet.cars), len(active)))
+
+    def reached(one: FleetModel) -> float:
+        components = one.components_of(active)
+        # What is not claimed is not there, but in strangers.
+        absent = [effect not in one.active() for effect in active]
+        components.tau[absent] = components.kappa[absent] = 0.0
+        return mixed.estimate(one.terms(), components).likelihood
+
+    return reached(other) - reached(model)
+
+
 def strangers_of(fleet: FleetEvidence, excess: FloatArray) -> tuple[str, ...]:
     """
     Return the cars whose recordings the claims explain far worse than those of the others.

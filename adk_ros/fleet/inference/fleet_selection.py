@@ -31,8 +31,8 @@ from adk_ros.fleet.inference.fleet_evidence import FleetEvidence
 from adk_ros.fleet.inference.fleet_model import (
     Candidate,
     FleetModel,
-    likelihood,
     remaining_excess,
+    rise,
     strangers_of,
 )
 from adk_ros.fleet.inference.levels import Level, is_trend, is_usable
@@ -164,21 +164,22 @@ class Selection(Candidates):
         refused: set[Identity],
         is_wanted: Callable[[Level], bool],
         floor: float = 0.0,
-        least: float = -np.inf,
+        least: tuple[FleetModel, float] | None = None,
     ) -> Iterator[FleetModel]:
         """
         Yield models with two further claims, each of which explains enough next to the other.
 
-        `is_wanted`: of the level of the first. `floor`: least gain of the first. `least`:
-        what the logarithm of the likelihood of both is to exceed. The claims of `model` stay, so
-        that a selection which adds pairs ends.
+        `is_wanted`: of the level of the first. `floor`: least gain of the first. `least`: over
+        which model the logarithm of the likelihood of both is to rise, and by how much. The claims
+        of `model` stay, so that a selection which adds pairs ends.
         """
         for first in self.strongest(model, refused, is_wanted, floor):
             # Alone, and far from the truth, the first may make claims needless that both leave.
             one = self._with(model, first)
             # Next to the first, which resembles it, the second has little evidence, but much gain:
             # about twice what it raises the likelihood by.
-            second = self.best(one, refused, least - likelihood(self.fleet, one))
+            missing = 0.0 if least is None else least[1] - rise(self.fleet, least[0], one)
+            second = self.best(one, refused, missing)
             if second is None:
                 continue
             both, dropped = self.with_claim(one, second)
@@ -207,7 +208,7 @@ class Selection(Candidates):
             if is_wanted(candidate.level):
                 found.append(self.assess(model, candidate))
         usable = [one for one in found if self.is_claimable(one)]
-        usable.sort(key=lambda one: -likelihood(self.fleet, extended(model, one)))
+        usable.sort(key=lambda one: -rise(self.fleet, model, extended(model, one)))
         return usable[:_FIRST_OF_PAIR]
 
     def with_claim(

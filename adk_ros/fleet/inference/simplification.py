@@ -24,8 +24,8 @@ from adk_ros.fleet.inference.fleet_model import (
     FleetModel,
     inexactness,
     is_steady_wind,
-    likelihood,
     remaining_excess,
+    rise,
 )
 from adk_ros.fleet.inference.fleet_selection import Selection
 from adk_ros.mismatch.library.criteria import PENALTY_PER_PARAMETER
@@ -71,7 +71,6 @@ def _with_one_less(
     """Return the model with one claim less, and what only an inexact equation replaces."""
     if len(model.claimed) < 2:
         return None
-    least = likelihood(selection.fleet, model) - 0.5 * PENALTY_PER_PARAMETER
     excess = remaining_excess(selection.fleet, model)
 
     def more_loss(changed: FleetModel, a: Candidate, b: Candidate) -> float:
@@ -96,11 +95,13 @@ def _with_one_less(
             if not selection.is_claimable(one):
                 continue
             changed = extended(rest, one)
-            reached, more = likelihood(selection.fleet, changed), more_loss(changed, a, b)
-            if reached > least or more <= 0.0:
+            # Of two parameters one remains.
+            reached = rise(selection.fleet, model, changed) + 0.5 * PENALTY_PER_PARAMETER
+            more = more_loss(changed, a, b)
+            if reached > 0.0 or more <= 0.0:
                 return selection.refitted(changed), set()
             inexact = inexactness(selection.fleet, changed, one.candidate, (a, b))
-            if reached > least - 0.5 * inexact and more <= inexact:
+            if reached > -0.5 * inexact and more <= inexact:
                 replaced = {identity(a), identity(b)} - {identity(one.candidate)}
                 return selection.refitted(changed), replaced
     return None

@@ -23,7 +23,7 @@ from adk_ros.fleet.inference.assessment import Assessment, extended
 from adk_ros.fleet.inference.evidence import column_of
 from adk_ros.fleet.inference.exchange import likelier_pairs
 from adk_ros.fleet.inference.fleet_evidence import FleetEvidence
-from adk_ros.fleet.inference.fleet_model import Candidate, FleetModel, likelihood
+from adk_ros.fleet.inference.fleet_model import Candidate, FleetModel
 from adk_ros.fleet.inference.fleet_selection import Selection
 from adk_ros.fleet.inference.levels import CAR, SHARED, same_recordings
 from adk_ros.mismatch.library.catalogue import INSEPARABLE
@@ -93,10 +93,9 @@ def tied_pairs(
     if claim.candidate.level.kind != SHARED:
         return []
     rest = selection.without(model, claim.candidate)
-    least = likelihood(selection.fleet, model)
     return [
         (both.claimed[-2], both.claimed[-1])
-        for both in likelier_pairs(selection, rest, claim, least)
+        for both in likelier_pairs(selection, model, rest, claim, 0.0)
     ]
 
 

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers.numerical_fleets import claimed
+from helpers.numerical_fleets import claimed, with_unlisted_fault
 
 from adk_ros.fleet.inference import fleet_estimate
 from adk_ros.fleet.inference.assessment import Assessment, extended
@@ -142,6 +142,36 @@ def test_a_claim_is_exchanged_for_a_likelier_one_of_less_evidence() -> None:
     assert levels[wind] == Level(SHARED)
     assert replace(levels[downforce], onset=40.0) == drift
     assert 30.0 < levels[downforce].onset < 42.0
+
+
+def test_what_fits_the_fault_of_a_stranger_is_not_likelier() -> None:
+    """Rear tyres of all cars would fit what differs in one car, in each recording differently."""
+    tyre = "front_tyre_stiffness.scale"
+    plan = FleetPlan(
+        recordings=18,
+        effects=8,
+        bias=0.0,
+        deviation=0.3,
+        injections=(Injection(tyre, Level(SHARED), 4.0),),
+    )
+    fleet = draw_fleet(5, plan)
+    rear = fleet.columns.first_effect + fleet.columns.effects.index("rear_tyre_stiffness.scale")
+    sizes = 60.0 * np.random.default_rng(1).standard_normal(18)
+    fleet = with_unlisted_fault(fleet, "car01", rear, sizes)
+    selection = Selection(fleet)
+    model = selection.select()
+    assert model.strangers == ("car01",)
+    assert claimed(fleet, exchanged(selection, model)) == {(tyre, "all cars")}
+
+
+def test_a_change_point_must_be_worth_its_parameter() -> None:
+    """Friction above that of the road stands for something else, in all recordings of its car."""
+    friction = Injection("low_friction.mu_scale", Level(CAR, car="car02"), 1.5)
+    plan = FleetPlan(recordings=36, effects=6, bias=0.0, deviation=0.3, injections=(friction,))
+    fleet = draw_fleet(1, plan)
+    selection = Selection(fleet)
+    found = exchanged(selection, selection.select())
+    assert [c.level for c in found.claimed] == [friction.level]
 
 
 def test_saved_loss_agrees_with_the_loss_of_a_claim() -> None:

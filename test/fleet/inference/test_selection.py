@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers.numerical_fleets import with_same_derivatives
+from helpers.numerical_fleets import claimed, with_same_derivatives, with_unlisted_fault
 
 from adk_ros.fleet.inference.assessment import Assessment, extended
 from adk_ros.fleet.inference.evidence import SimulationError
@@ -85,6 +85,17 @@ def test_a_fault_of_one_car_hides_no_other_level() -> None:
     assert set(kinds) == {SHARED, CAR, CONDITION, RAMP, STEP}
     found = {identity(candidate) for _, candidate in ranked}
     assert len(found) == len(ranked)
+
+
+def test_an_unlisted_fault_of_one_car_does_not_hide_what_all_share() -> None:
+    tyre = "front_tyre_stiffness.scale"
+    shared = Injection(tyre, Level(SHARED), 1.5)
+    plan = FleetPlan(recordings=36, effects=8, bias=0.0, deviation=0.3, injections=(shared,))
+    fleet = draw_fleet(5, plan)
+    sizes = -7.0 * (1.0 + 0.8 * np.random.default_rng(1).standard_normal(36))
+    column = fleet.columns.first_effect + fleet.columns.effects.index(tyre)
+    selection = Selection(with_unlisted_fault(fleet, "car01", column, sizes))
+    assert claimed(fleet, selection.select()) == {(tyre, "all cars")}
 
 
 def test_an_effect_beyond_its_range_is_not_claimed() -> None:
