@@ -29,18 +29,19 @@ def with_same_derivatives(fleet: FleetEvidence, column: int, as_column: int) -> 
 
 
 def with_unlisted_fault(
-    fleet: FleetEvidence, car: str, column: int, sizes: FloatArray
+    fleet: FleetEvidence, car: str, column: int, sizes: FloatArray, unexplained: float = 50_000.0
 ) -> FleetEvidence:
     """
     Return a fleet whose car has a fault that nothing explains, as other physics would.
 
     It moves an effect (`column` of the joint vector) by `sizes` (r,) in the car's recordings.
+    `unexplained`: loss of each that stays.
     """
     scores, excess = fleet.scores.copy(), fleet.excess.copy()
     for i in np.flatnonzero(np.array(fleet.cars) == car):
         h = fleet.informations[i]
         scores[i] += h[:, column] * sizes[i]
-        excess[i] += 50_000.0 + h[column, column] * sizes[i] ** 2
+        excess[i] += unexplained + h[column, column] * sizes[i] ** 2
     return replace(fleet, scores=scores, excess=excess)
 
 

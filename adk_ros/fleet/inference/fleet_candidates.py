@@ -27,6 +27,7 @@ from adk_ros.fleet.inference.fleet_model import (
     explained_by,
     remaining_excess,
     share_equation,
+    without_faults,
 )
 from adk_ros.fleet.inference.further_terms import evidence_of_designs
 from adk_ros.fleet.inference.levels import BOUND_DEVIATIONS, CAR, SHARED, Level, levels_of
@@ -116,7 +117,10 @@ class Candidates:
         Return the assessment of a further candidate, with its components fitted.
 
         Claimed parameters that differ much between cars may contain what all cars share of a
-        similar effect, until that is claimed: their components are fitted again as well.
+        similar effect, until that is claimed: their components are fitted again as well. Of what
+        all cars share, those of which something else is claimed say nothing on how the others
+        differ, as in a claim. At other levels, of fewer recordings, they do: what a fault leaves
+        in some of them resembles a trend.
         """
         active = model.active([candidate.effect])
         mixed = model.mixed(self.fleet, [candidate])
@@ -126,7 +130,13 @@ class Candidates:
         for i in np.argsort(-start.kappa)[:_REFITTED]:
             if start.kappa[i] > _LARGE_DEVIATION and i not in which:
                 which.append(int(i))
-        found = fitted_components(mixed, terms, start, which)
+        if candidate.level.kind == SHARED:
+            both = replace(model, claimed=(*model.claimed, candidate))
+            sample, part = without_faults(self.fleet, both)
+            acting = [claim.term for claim in part.claimed if claim.design.any()]
+            found = fitted_components(part.mixed(sample), acting, start, which)
+        else:
+            found = fitted_components(mixed, terms, start, which)
         estimate = mixed.estimate(terms, found, with_bias=True)
         return assessment_of(candidate, len(model.claimed), estimate, mixed, terms, found)
 
@@ -144,11 +154,19 @@ class Candidates:
         examined = [Candidate(effect, level, level.design(self.fleet)) for level in levels]
         mixed = model.mixed(self.fleet, examined)
         profile = mixed.profile(model.terms(), components, active.index(effect), of_term=True)
-        # Of all other levels strangers say nothing, as when these are assessed.
+        return evidence_of_designs(profile, self.examined_designs(model))
+
+    def examined_designs(self, model: FleetModel) -> FloatArray:
+        """
+        Return the designs (levels, r) of the recordings that say something about each level.
+
+        About levels of several cars strangers say nothing, as when these are assessed.
+        """
+        if not model.strangers:
+            return self.designs
         strange = np.array([car in model.strangers for car in self.fleet.cars])
         of_several = np.array([not level.car for level in self.levels])
-        designs = np.where(of_several[:, None] & strange, 0.0, self.designs)
-        return evidence_of_designs(profile, designs)
+        return np.where(of_several[:, None] & strange, 0.0, self.designs)
 
     def ranked(
         self,

@@ -33,6 +33,9 @@ WINDS = frozenset({"headwind", "crosswind"})
 Effects that all recordings have by chance only, relative to the car: where something else is
 likelier, that is claimed, by whatever little.
 """
+_LEAST_CARS = 3
+"""Cars without a fault that say how effects differ between cars, least: as `MIN_RECORDINGS`, two
+determine no scatter among them and a size."""
 _FAR = 3.0
 """Multiple of the middle car's loss from which a car has a fault that others lack. By choice."""
 
@@ -158,6 +161,21 @@ def is_steady_wind(fleet: FleetEvidence, claim: Candidate) -> bool:
     """Whether a claim is a wind that all recordings have from one side of the car."""
     effect = fleet.columns.column(fleet.columns.effects[claim.effect]).effect.name
     return claim.level.kind == SHARED and effect in WINDS
+
+
+def without_faults(fleet: FleetEvidence, model: FleetModel) -> tuple[FleetEvidence, FleetModel]:
+    """
+    Return the cars of which nothing is claimed, and the model of these, where there are some.
+
+    A fault leaves little of itself, but the more the larger it is, and other effects would seem to
+    differ between the recordings of its car by that.
+    """
+    faulty = {claim.level.car for claim in model.claimed} | set(model.strangers)
+    rows = [i for i, car in enumerate(fleet.cars) if car not in faulty]
+    if len({fleet.cars[i] for i in rows}) < _LEAST_CARS:
+        return fleet, model
+    claimed = tuple(replace(c, design=c.design[rows]) for c in model.claimed)
+    return fleet.kept(rows), replace(model, claimed=claimed)
 
 
 def explained_by(

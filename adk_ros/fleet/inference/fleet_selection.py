@@ -27,13 +27,13 @@ from scipy.special import ndtri
 
 from adk_ros.fleet.inference.assessment import Assessment, extended
 from adk_ros.fleet.inference.fleet_candidates import Candidates, Identity, identity
-from adk_ros.fleet.inference.fleet_evidence import FleetEvidence
 from adk_ros.fleet.inference.fleet_model import (
     Candidate,
     FleetModel,
     remaining_excess,
     rise,
     strangers_of,
+    without_faults,
 )
 from adk_ros.fleet.inference.levels import Level, is_trend, is_usable
 from adk_ros.fleet.inference.variance_components import fitted_components
@@ -47,9 +47,6 @@ _FIRST_OF_PAIR, _EXAMINED = 2, 6
 Candidates that are tried as the first of two, the likeliest ones, among as many of the largest
 gains. By choice.
 """
-_LEAST_CARS = 3
-"""Cars without a fault that say how effects differ between cars, least: as `MIN_RECORDINGS`, two
-determine no scatter among them and a size."""
 _MOST_DROPS = 2
 """Times that a claim may be dropped until it is no candidate any more; ends the selection."""
 
@@ -97,7 +94,7 @@ class Selection(Candidates):
         excess = remaining_excess(self.fleet, model)
         model = replace(model, strangers=strangers_of(self.fleet, excess))
         active = model.active()
-        sample, part = self._without_faults(model)
+        sample, part = without_faults(self.fleet, model)
         acting = [claim.term for claim in part.claimed if claim.design.any()]
         found = fitted_components(part.mixed(sample), acting, model.components_of(active))
         return replace(
@@ -107,20 +104,6 @@ class Selection(Candidates):
                 for i, effect in enumerate(active)
             },
         )
-
-    def _without_faults(self, model: FleetModel) -> tuple[FleetEvidence, FleetModel]:
-        """
-        Return the cars of which nothing is claimed, and the model of these, where there are some.
-
-        A fault leaves little of itself, but the more the larger it is, and other effects would
-        seem to differ between the recordings of its car by that.
-        """
-        faulty = {claim.level.car for claim in model.claimed} | set(model.strangers)
-        rows = [i for i, car in enumerate(self.fleet.cars) if car not in faulty]
-        if len({self.fleet.cars[i] for i in rows}) < _LEAST_CARS:
-            return self.fleet, model
-        claimed = tuple(replace(c, design=c.design[rows]) for c in model.claimed)
-        return self.fleet.kept(rows), replace(model, claimed=claimed)
 
     def best(
         self, model: FleetModel, refused: set[Identity], floor: float = 0.0

@@ -124,7 +124,7 @@ def test_gains_are_those_of_one_problem_with_all_levels(effect: int, weak: int) 
     model = FleetModel(tuple(claims), components, ("car01", "car03"))
 
     others = [c.term for c in claims]
-    terms = [*others, *(Term(effect, z) for z in selection.designs)]
+    terms = [*others, *(Term(effect, z) for z in selection.examined_designs(model))]
     deviations = Components(np.array([0.4, 0.0]), np.array([0.7, 0.0]))
     # The strangers' effects are free but for those that are claimed or examined there.
     free = np.column_stack([np.array(fleet.cars) == "car03", np.zeros(30, dtype=bool)])

@@ -98,6 +98,28 @@ def test_an_unlisted_fault_of_one_car_does_not_hide_what_all_share() -> None:
     assert claimed(fleet, selection.select()) == {(tyre, "all cars")}
 
 
+def test_what_a_fault_leaves_is_no_scatter_of_what_all_cars_share() -> None:
+    tyre, wind = "front_tyre_stiffness.scale", "crosswind.wind_y"
+    injections = (
+        Injection(tyre, Level(SHARED), 1.5),
+        Injection(wind, Level(CAR, car="car01"), 12.0),
+    )
+    plan = FleetPlan(recordings=36, effects=8, bias=0.0, deviation=0.3, injections=injections)
+    fleet = draw_fleet(5, plan)
+    first = fleet.columns.first_effect
+    rng = np.random.default_rng(5)
+    for key in (tyre, "rear_tyre_stiffness.scale"):
+        column, left = first + fleet.columns.effects.index(key), 3.0 * rng.standard_normal(36)
+        fleet = with_unlisted_fault(fleet, "car01", column, left, 0.0)
+    selection = Selection(fleet)
+    model = selection.select()
+    assert claimed(fleet, model) == {(tyre, "all cars"), (wind, "car01")}
+    # It has the same evidence before it is claimed.
+    shared = next(c for c in selection.assessed(model) if c.candidate.level == Level(SHARED))
+    candidate = selection.assess(selection.without(model, shared.candidate), shared.candidate)
+    assert candidate.evidence == pytest.approx(shared.evidence, rel=0.1)
+
+
 def test_an_effect_beyond_its_range_is_not_claimed() -> None:
     # A relaxation length cannot be negative.
     plan = FleetPlan(
