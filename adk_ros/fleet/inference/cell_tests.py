@@ -25,8 +25,9 @@ other cells bound those of a test (`tail_of`).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 from scipy.optimize import minimize_scalar
@@ -35,7 +36,10 @@ from scipy.stats import t as student
 
 from adk_ros.fleet.inference.evidence import column_of
 from adk_ros.fleet.inference.levels import BOUND_DEVIATIONS, MIN_RECORDINGS
+from adk_ros.mismatch.library.criteria import SYSTEMATIC_ERROR_PER_MATERIALITY
 from adk_ros.numerics.arrays import FloatArray
+
+AtCell = TypeVar("AtCell")
 
 _MAD_TO_SIGMA = 1.4826
 """Standard deviation over median absolute deviation, of a Gaussian."""
@@ -130,6 +134,33 @@ def tail_of(tests: Sequence[CellTest]) -> float:
 
     low, high = np.log(_FREEDOMS)
     return float(np.exp(minimize_scalar(cost, bounds=(low, high), method="bounded").x))
+
+
+def deviation_of(tests: Mapping[AtCell, CellTest], cells: Sequence[AtCell]) -> float:
+    """
+    Return the deviation of the size of a place.
+
+    The surrogate's error repeats in adjoining cells: many say a size no better than one.
+    """
+    variance = min(tests[cell].variance for cell in cells)
+    return float(np.sqrt(variance + SYSTEMATIC_ERROR_PER_MATERIALITY**2))
+
+
+def together(tests: Mapping[AtCell, CellTest], cells: Sequence[AtCell]) -> CellTest:
+    """
+    Return the test of one size in all cells.
+
+    Errors of adjoining cells may be the same: the relative deviations sqrt(2 / f) of their
+    variances add, by the weight of each cell, to that of f degrees of freedom.
+    """
+    known = [tests[cell] for cell in cells if cell in tests]
+    if not known:
+        return CellTest(0.0, 0.0, 1.0)
+    weights = np.array([1.0 / test.variance for test in known])
+    size = float(weights @ np.array([test.size for test in known]) / weights.sum())
+    freedoms = np.array([test.freedom for test in known])
+    freedom = float((weights / weights.sum() / np.sqrt(freedoms)).sum() ** -2)
+    return CellTest(size, float(1.0 / weights.sum()), freedom)
 
 
 def p_value(test: CellTest) -> float:

@@ -159,7 +159,7 @@ def estimate_fleet(
         if turn + 1 < rounds:
             places = found
             removed = data.correction(places, known_places, fleet.scores.shape)
-            saved = data.saved_loss(places, known_places, len(fleet.names))
+            saved = data.saved_loss(places, known_places, len(fleet.names), fleet.origin)
             corrected = replace(fleet, scores=fleet.scores - removed, excess=fleet.excess - saved)
     claims = tuple(selection.assessed(model))
     visits = {cell: len(v.recordings) for cell, v in data.cells.items()}

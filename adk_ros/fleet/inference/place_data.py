@@ -99,16 +99,17 @@ class PlaceData:
         return out
 
     def saved_loss(
-        self, places: Sequence[Place], known: Sequence[Place], recordings: int
+        self, places: Sequence[Place], known: Sequence[Place], recordings: int, origin: FloatArray
     ) -> FloatArray:
-        """Return the loss (r,) that new effects at places save."""
+        """Return the loss (r,) that new effects at places save at a joint vector (d,)."""
         out = np.zeros(recordings)
         for key, cell, size in _new(places, known):
             visits = self.cells.get(cell)
             if visits is not None:
                 k = self.keys.index(key)
                 h = visits.informations[:, k, k]
-                gain = 2.0 * visits.scores[:, k] * size - h * size**2
+                score = visits.scores[:, k] - visits.crosses[:, k] @ origin
+                gain = 2.0 * score * size - h * size**2
                 np.add.at(out, list(visits.recordings), gain)
         return out
 
@@ -117,8 +118,13 @@ def _new(places: Sequence[Place], known: Sequence[Place]) -> list[tuple[str, Cel
     """
     Return key, cell and size of the effects at places that are not known.
 
-    Recordings have no evidence of known places themselves (`place_evidence.away_from`).
+    Recordings have no evidence of known places and the cells next to them
+    (`place_evidence.away_from`), whatever is found there now.
     """
-    before = {(place.key, place.cells) for place in known}
-    new = [place for place in places if (place.key, place.cells) not in before]
-    return [(place.key, cell, place.size) for place in new for cell in place.cells]
+    before = {cell for place in known for cell in place.cells}
+    return [
+        (place.key, cell, place.size)
+        for place in places
+        for cell in place.cells
+        if cell not in before and not any(cell.is_next_to(other) for other in before)
+    ]

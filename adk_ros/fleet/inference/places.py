@@ -19,10 +19,12 @@ import numpy as np
 from adk_ros.fleet.inference.cell_tests import (
     CellTest,
     cell_test,
+    deviation_of,
     is_claimable,
     null_of,
     p_value,
     tail_of,
+    together,
 )
 from adk_ros.fleet.inference.place_comparison import evidence
 from adk_ros.fleet.inference.place_data import Place, PlaceData
@@ -77,49 +79,80 @@ class _PlaceSearch:
         places: list[Place] = []
         blocked: set[tuple[Cell, str]] = set()
         for place in known:
-            k = self._keys.index(place.key)
+            self._subtract(replace(place, size=-place.size), scores)
             kept = self._estimated_again(place, scores)
-            change = -place.size if kept is None else kept.size - place.size
-            for cell in place.cells:
-                if cell in scores:
-                    scores[cell] = scores[cell] - self._cells[cell].informations[:, :, k] * change
             if kept is not None:
+                self._subtract(kept, scores)
                 places.append(kept)
                 blocked |= self._around(kept)
         while len(places) < _MAX_PLACES:
             found = self._best(scores, blocked)
             if found is None:
                 break
+            self._subtract(found, scores)
             places.append(found)
-            k = self._keys.index(found.key)
-            for cell in found.cells:
-                scores[cell] = scores[cell] - self._cells[cell].informations[:, :, k] * found.size
             blocked |= self._around(found)
         return places
 
+    def _subtract(self, place: Place, scores: dict[Cell, FloatArray]) -> None:
+        """Take what a place explains from the scores."""
+        k = self._keys.index(place.key)
+        for cell in place.cells:
+            if cell in scores:
+                products = self._cells[cell].informations[:, :, k]
+                scores[cell] = scores[cell] - products * place.size
+
     def _estimated_again(self, place: Place, scores: Mapping[Cell, FloatArray]) -> Place | None:
         """
-        Return a place with what is left there added, None if it is not claimable any more.
+        Return a known place from the scores without it, None if it is not claimable any more.
 
-        A known place, of which one cell was significant, stays while its cells together are.
+        One of which one cell was significant stays while its cells together are. It was named
+        before other effects were known: another one that explains more of it now is its name.
         """
-        k = self._keys.index(place.key)
-        tests = self._tests_of(k, scores)
-        cells = [cell for cell in place.cells if cell in tests]
+        of_keys = {key: self._tests_of(k, scores) for k, key in enumerate(self._keys)}
+        cells = [cell for cell in place.cells if any(cell in tests for tests in of_keys.values())]
         if not cells:
             return None
-        whole = _together(tests, cells)
-        tail = self._tail(tests, {(cell, place.key) for cell in _near(tests, place.cells)}, k)
-        whole = replace(whole, size=place.size + whole.size, freedom=min(whole.freedom, tail))
-        p = p_value(whole)
-        if p >= self._significance or not is_claimable(place.key, whole):
+        key, ties = place.key, self._ties(place.key, cells, of_keys)
+        if ties and min(ties.values()) < -INDISTINGUISHABLE_LOSS:
+            key = min(ties, key=lambda other: ties[other])
+            ties = self._ties(key, cells, of_keys)
+        tests = of_keys[key]
+        cells = [cell for cell in cells if cell in tests]
+        whole = together(tests, cells)
+        around = {(cell, key) for cell in _near(tests, place.cells)}
+        tail = self._tail(tests, around, self._keys.index(key))
+        whole = replace(whole, freedom=min(whole.freedom, tail))
+        if (
+            not cells
+            or (p := p_value(whole)) >= self._significance
+            or not is_claimable(key, whole)
+        ):
             return None
         # One that failed in a later pass has passed there as well.
         recordings = self._passing(cells).union(place.recordings)
         return replace(
-            place, size=whole.size, deviation=_deviation(tests, cells), freedom=whole.freedom,
-            p_value=p, recordings=tuple(sorted(recordings)),
+            place, key=key, size=whole.size, deviation=deviation_of(tests, cells),
+            freedom=whole.freedom, p_value=p, recordings=tuple(sorted(recordings)),
+            alternatives=tuple(ties),
         )  # fmt: skip
+
+    def _ties(
+        self, key: str, cells: Sequence[Cell], tests: Mapping[str, Mapping[Cell, CellTest]]
+    ) -> dict[str, float]:
+        """
+        Return the other effects that explain cells about as well, or better.
+
+        Effect -> twice the logarithm of the odds against it.
+        """
+        gain = evidence(key, cells, tests, self._cells)
+        odds = {x: gain - evidence(x, cells, tests, self._cells) for x in tests if x != key}
+        return {
+            other: against
+            for other, against in odds.items()
+            if against < INDISTINGUISHABLE_LOSS
+            and is_claimable(other, together(tests[other], cells))
+        }
 
     def _passing(self, cells: Sequence[Cell]) -> set[str]:
         """Return the names of the recordings that pass any of these cells."""
@@ -194,28 +227,20 @@ class _PlaceSearch:
             key: cells
             for key in self._keys
             if (cells := _cells_that_show(key, seed, tests[key], self._significance, blocked))
-            and is_claimable(key, _together(tests[key], cells))
+            and is_claimable(key, together(tests[key], cells))
         } or {found: [seed]}
         key = max(shown, key=lambda one: evidence(one, shown[one], tests, self._cells))
         cells = shown[key]
-        gains = {one: evidence(one, cells, tests, self._cells) for one in tests}
-        whole = _together(tests[key], cells)
-        alternatives = tuple(
-            other
-            for other, gain in gains.items()
-            if other != key
-            and is_claimable(other, _together(tests[other], cells))
-            and gains[key] - gain < INDISTINGUISHABLE_LOSS
-        )
+        whole = together(tests[key], cells)
         return Place(
             key,
             tuple(sorted(cells, key=lambda c: (c.x, c.y, c.direction))),
             whole.size,
-            _deviation(tests[key], cells),
+            deviation_of(tests[key], cells),
             whole.freedom,
             p_value(good[seed, found]),
             tuple(sorted(self._passing(cells))),
-            alternatives,
+            tuple(self._ties(key, cells, tests)),
         )
 
 
@@ -248,33 +273,6 @@ def _cells_that_show(
 def _near(cells: Iterable[Cell], place: Sequence[Cell]) -> set[Cell]:
     """Return the cells within reach of a place."""
     return {cell for cell in cells if any(_is_near(cell, other) for other in place)}
-
-
-def _deviation(tests: Mapping[Cell, CellTest], cells: Sequence[Cell]) -> float:
-    """
-    Return the deviation of the size of a place.
-
-    The surrogate's error repeats in adjoining cells: many say a size no better than one.
-    """
-    variance = min(tests[cell].variance for cell in cells)
-    return float(np.sqrt(variance + SYSTEMATIC_ERROR_PER_MATERIALITY**2))
-
-
-def _together(tests: Mapping[Cell, CellTest], cells: Sequence[Cell]) -> CellTest:
-    """
-    Return the test of one size in all cells.
-
-    Errors of adjoining cells may be the same: the relative deviations sqrt(2 / f) of their
-    variances add, by the weight of each cell, to that of f degrees of freedom.
-    """
-    known = [tests[cell] for cell in cells if cell in tests]
-    if not known:
-        return CellTest(0.0, 0.0, 1.0)
-    weights = np.array([1.0 / test.variance for test in known])
-    size = float(weights @ np.array([test.size for test in known]) / weights.sum())
-    freedoms = np.array([test.freedom for test in known])
-    freedom = float((weights / weights.sum() / np.sqrt(freedoms)).sum() ** -2)
-    return CellTest(size, float(1.0 / weights.sum()), freedom)
 
 
 def _rank(test: CellTest) -> tuple[float, float]:

@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -191,6 +193,21 @@ def test_a_size_beyond_its_bounds_is_no_place() -> None:
     assert _found(_rows(0.3, size=600.0)) == []
 
 
+def test_a_known_place_has_the_name_of_what_explains_it_now() -> None:
+    """It was named a grade before other effects were known, and is linearised there since."""
+    rows = _rows_of_two((20, *APART), {20: (12.0, -1.5)}, correlation=-0.2)
+    data = PlaceData(rows, NAMES, dict.fromkeys(NAMES, 1.0))
+    cell = Cell(20, 0, 0)
+    known = Place("road_grade.grade", (cell,), 1.5, 0.1, 9.0, 1e-9, tuple(NAMES))
+    (place,) = select_places(data, np.zeros((RECORDINGS, 2)), SIGNIFICANCE, [known])
+    assert (place.key, place.cells, place.alternatives) == ("road_bank.bank", (cell,), ())
+    assert place.interval[0] < 12.0 < place.interval[1]
+    # No recording has evidence of the cell, or of one next to it, by whatever name.
+    beside = replace(place, cells=(Cell(21, 0, 1),))
+    for one in (place, beside):
+        assert not data.correction([one], [known], (RECORDINGS, 2)).any()
+
+
 def test_a_known_place_that_is_not_seen_any_more_is_dropped() -> None:
     # The recordings were linearised at a size of 3, of which they show nothing.
     rows = _rows(0.3, size=-3.0)
@@ -199,12 +216,16 @@ def test_a_known_place_that_is_not_seen_any_more_is_dropped() -> None:
     assert select_places(data, np.zeros((RECORDINGS, 2)), SIGNIFICANCE, [known]) == []
     # Recordings have no evidence of known places: nothing is to be undone.
     assert not data.correction([], [known], (RECORDINGS, 2)).any()
-    assert not data.saved_loss([], [known], RECORDINGS).any()
+    assert not data.saved_loss([], [known], RECORDINGS, np.zeros(2)).any()
 
 
 def test_what_a_new_place_explains_is_no_evidence_of_anything_else() -> None:
     data = PlaceData(_rows(0.3, size=3.0), NAMES, dict.fromkeys(NAMES, 1.0))
     new = Place(KEY, (Cell(20, 0, 0),), 3.0, 0.1, 9.0, 1e-9, tuple(NAMES))
     np.testing.assert_allclose(data.correction([new], [], (RECORDINGS, 2))[:, 0], 300.0)
-    assert (data.saved_loss([new], [], RECORDINGS) > 0.0).all()
+    saved = data.saved_loss([new], [], RECORDINGS, np.zeros(2))
+    assert (saved > 0.0).all()
+    # Recordings count from a joint vector of which one threshold acts at the place as well.
+    from_there = data.saved_loss([new], [], RECORDINGS, np.array([1.0, 0.0]))
+    np.testing.assert_allclose(from_there, saved - 2.0 * 100.0 * 3.0, rtol=1e-5)
     assert not data.correction([new], [new], (RECORDINGS, 2)).any()
