@@ -13,15 +13,15 @@ Where the evidence comes from is a function: of recordings in memory, or of a da
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from adk_ros.fleet.inference.alternating_claims import AlternatingClaims
+from adk_ros.fleet.inference.competing_effects import remaining_loss
 from adk_ros.fleet.inference.effect_comparisons import EffectComparisons
 from adk_ros.fleet.inference.evidence import Row
-from adk_ros.fleet.inference.fleet_candidates import Identity
 from adk_ros.fleet.inference.fleet_estimate import (
     ROUNDS,
     EvidenceAt,
@@ -52,8 +52,6 @@ effect, which mistake two delays for a yaw inertia that is 60 % larger. By choic
 """
 _EARLY_ROUNDS = 2
 """Rounds of effects and places where a further pass follows."""
-_MOST_DROPS = 2
-"""Times that one linearisation claims what the next does not, until it is not claimed any more."""
 TagsOf = Callable[[Sequence[Row]], Mapping[str, RecordingTags]]
 """Rows of the recordings -> the tags of each by name."""
 Progress = Callable[[float, str], None]
@@ -128,26 +126,30 @@ class _Passes:
         self._late: frozenset[str] = frozenset()
         self.passes = MAX_PASSES if len(self._active) == len(every) else MAX_PASSES + 1
         self._places: tuple[Place, ...] = ()
-        self._dropped: Counter[Identity] = Counter()
+        self._alternating = AlternatingClaims()
         self._comparisons, self._nonlinear = EffectComparisons(), NonlinearCandidates()
 
     def estimated(self, turn: int, at: FleetEstimate | None = None) -> FleetEstimate:
         """Return the estimate of the recordings that take part, linearised at an earlier one."""
-        refused = frozenset(one for one, times in self._dropped.items() if times >= _MOST_DROPS)
-        estimate = estimate_fleet(
+        estimate = self._estimate(turn)
+        is_first_of_all = turn == _EARLY_PASSES + 1 and self.passes > MAX_PASSES
+        if at is not None and turn > _EARLY_PASSES and not is_first_of_all:
+            left = remaining_loss(at, self.linearised.usable(self._active))
+            if self._alternating.settle(at.identities, left, estimate.identities):
+                estimate = self._estimate(turn)
+        return estimate
+
+    def _estimate(self, turn: int) -> FleetEstimate:
+        return estimate_fleet(
             [self._simulation, *self.linearised.every_row(self._active)],
             self._tags,
             self._progress,
             ROUNDS if turn >= _EARLY_PASSES else _EARLY_ROUNDS,
             self._places,
             is_at_estimate=turn >= _EARLY_PASSES,
-            refused=refused,
+            refused=self._alternating.refused,
             beside=self._comparisons.beside,
         )
-        is_first_of_all = turn == _EARLY_PASSES + 1 and self.passes > MAX_PASSES
-        if at is not None and turn > _EARLY_PASSES and not is_first_of_all:
-            self._dropped.update(at.identities - estimate.identities)
-        return estimate
 
     def widened(self, estimate: FleetEstimate) -> FleetEstimate:
         """Return the estimate for all recordings, which take part from now on."""

@@ -186,11 +186,20 @@ class Sample:
 
     def excess(self, estimate: FleetEstimate, rows: Mapping[str, Sequence[Row]]) -> float:
         """Return the least loss of all recordings, above that of a perfect model."""
-        fits = [
-            local_fit(_evidence(estimate.fleet, rows[n]), estimate.values_of(n))
-            for n in self.names
-        ]
-        return float(sum(fit.excess / d for fit, d in zip(fits, self.dispersions, strict=True)))
+        return remaining_loss(estimate, {name: rows[name] for name in self.names})
+
+
+def remaining_loss(estimate: FleetEstimate, rows: Mapping[str, Sequence[Row]]) -> float:
+    """
+    Return the least loss of recordings, above that of a perfect model, with the claims there.
+
+    `rows`: of each recording, linearised at `estimate`.
+    """
+    found = {name: _evidence(estimate.fleet, of_one) for name, of_one in rows.items()}
+    return sum(
+        local_fit(one, estimate.values_of(name)).excess / one.dispersion
+        for name, one in found.items()
+    )
 
 
 @dataclass(frozen=True)

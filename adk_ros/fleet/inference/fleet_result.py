@@ -202,6 +202,7 @@ def fleet_result(
     losses = estimate.loss_ratios if before is None else before
     report = progress or (lambda done, text: None)
     selection, model, fleet = estimate.selection, estimate.model, estimate.fleet
+    selection = selection.with_all_candidates()
     claims = []
     for i, one in enumerate(estimate.claims):
         report(i / max(len(estimate.claims), 1), "comparing competing effects")
@@ -321,7 +322,7 @@ def _places(estimate: FleetEstimate) -> list[PlaceClaim]:
 
 def _not_claimed(estimate: FleetEstimate) -> list[NotClaimed]:
     out = []
-    for one in unclaimed(estimate.selection, estimate.model):
+    for one in unclaimed(estimate.selection.with_all_candidates(), estimate.model):
         found = one.assessment
         column = _column(estimate.fleet.columns, found.candidate.effect)
         low, high = _interval(column, *found.interval)

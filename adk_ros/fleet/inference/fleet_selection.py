@@ -20,6 +20,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator
+from copy import copy
 from dataclasses import replace
 
 import numpy as np
@@ -53,6 +54,12 @@ _MOST_DROPS = 2
 
 class Selection(Candidates):
     """Forward selection among the candidates of a fleet."""
+
+    def with_all_candidates(self) -> Selection:
+        """Return the selection with those that are not examined: they may explain as much."""
+        every = copy(self)
+        every.refused = frozenset()
+        return every
 
     def select(
         self, start: FleetModel | None = None, replaced: Collection[Identity] = ()

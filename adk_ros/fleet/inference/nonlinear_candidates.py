@@ -30,10 +30,10 @@ _TRIED = 2
 
 
 class NonlinearCandidates:
-    """Candidates with start values that were tried in an analysis, each once."""
+    """Candidates with start values that were tried in an analysis, once beside the same claims."""
 
     def __init__(self) -> None:
-        self._tried: set[Identity] = set()
+        self._tried: set[tuple[Identity, frozenset[Identity]]] = set()
 
     def added(
         self, estimate: FleetEstimate, rows: Mapping[str, Sequence[Row]], evidence_at: EvidenceAt
@@ -44,8 +44,9 @@ class NonlinearCandidates:
         Only the claims are changed, at which recordings are linearised. `rows`: of each recording.
         """
         excess = remaining_excess(estimate.fleet, estimate.model)
+        claimed = estimate.identities
         for candidate in self._candidates(estimate, excess)[:_TRIED]:
-            self._tried.add(identity(candidate.candidate))
+            self._tried.add((identity(candidate.candidate), claimed))
             # Where much is unexplained: by its derivative, it may act where it does not.
             sample = Sample.of(estimate, candidate, rows, excess)
             least = sample.required(estimate) + sample.margin
@@ -73,7 +74,8 @@ class NonlinearCandidates:
             Candidate(effect, level, level.design(estimate.fleet))
             for effect in selection.observable
         ]
-        known = self._tried | estimate.identities
+        claimed = estimate.identities
+        known = claimed | {one for one, beside in self._tried if beside == claimed}
         found = [
             selection.assess(model, candidate)
             for candidate in everywhere
