@@ -17,7 +17,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 from adk_ros.fleet.inference.assessment import Assessment
-from adk_ros.fleet.inference.fleet_candidates import Identity, identity
+from adk_ros.fleet.inference.fleet_candidates import identity, of_effects
 from adk_ros.fleet.inference.fleet_model import (
     Candidate,
     FleetModel,
@@ -161,23 +161,17 @@ def _with_a_likelier_one(
     loss: a torque offset for a brake that drags on one side.
     """
     excess = remaining_excess(selection.fleet, rest)
-    examined: set[Identity] = set()
     best: FleetModel | None = None
     most = 0.0
-    for _, candidate in selection.ranked(rest, excess):
-        known = identity(candidate)
-        if len(examined) == _EXAMINED:
-            break
-        if known in examined or not _competes(candidate, claim):
-            continue
-        examined.add(known)
+    ranked = selection.ranked(rest, excess)
+    for candidate in of_effects(ranked, _EXAMINED, lambda one: _competes(one, claim)):
         found = selection.with_fitted_onset(rest, selection.assess(rest, candidate))
         if not selection.is_claimable(found) or not selection.explains(rest, found, excess):
             continue
         # Both models are fitted in the same way, with the strangers that each leaves.
         other, dropped = selection.with_claim(rest, found)
         gain = _gain(selection, model, other, claim, candidate)
-        if gain > most and not any(identity(one) == known for one in dropped):
+        if gain > most and not any(identity(one) == identity(candidate) for one in dropped):
             best, most = other, gain
     return best
 

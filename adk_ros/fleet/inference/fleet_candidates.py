@@ -12,7 +12,7 @@ cars what tolerances leave in their mean, which is smaller by the square root of
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -286,6 +286,23 @@ class Candidates:
         low, high = columns.column(columns.effects[found.candidate.effect]).bounds
         slack = BOUND_DEVIATIONS * found.deviation
         return found.extremes[0] >= low - slack and found.extremes[1] <= high + slack
+
+
+def of_effects(
+    ranked: Iterable[tuple[float, Candidate]], most: int, is_wanted: Callable[[Candidate], bool]
+) -> list[Candidate]:
+    """
+    Return the wanted candidates, in their order, of the first few effects of which one is wanted.
+
+    Not the first few candidates: a fault of one car has three levels that are about it.
+    """
+    out: list[Candidate] = []
+    effects: set[int] = set()
+    for _, candidate in ranked:
+        if is_wanted(candidate) and (candidate.effect in effects or len(effects) < most):
+            effects.add(candidate.effect)
+            out.append(candidate)
+    return out
 
 
 def identity(candidate: Candidate) -> Identity:

@@ -15,10 +15,12 @@ that save nothing next to the others are dropped for the same reason.
 
 from __future__ import annotations
 
+from dataclasses import replace
+from functools import partial
 from itertools import combinations
 
 from adk_ros.fleet.inference.assessment import extended
-from adk_ros.fleet.inference.fleet_candidates import Identity, identity
+from adk_ros.fleet.inference.fleet_candidates import Identity, identity, of_effects
 from adk_ros.fleet.inference.fleet_model import (
     Candidate,
     FleetModel,
@@ -31,7 +33,7 @@ from adk_ros.fleet.inference.fleet_selection import Selection
 from adk_ros.mismatch.library.criteria import PENALTY_PER_PARAMETER
 
 _EXAMINED = 4
-"""Single candidates that are fitted in place of a pair, those of the largest gains. By choice."""
+"""Effects that are fitted in place of a pair, those of the largest gains. By choice."""
 
 
 def simplified(selection: Selection, model: FleetModel) -> tuple[FleetModel, set[Identity]]:
@@ -81,14 +83,7 @@ def _with_one_less(
         if not _is_of_one_place(a, b):
             continue
         rest = selection.without(model, a, b)
-        levels = {a.level, b.level}
-        # One change point of each: it is fitted below.
-        near = {
-            identity(candidate): candidate
-            for _, candidate in reversed(selection.ranked(rest))
-            if candidate.level in levels or candidate.level.car == a.level.car
-        }
-        for candidate in list(reversed(near.values()))[:_EXAMINED]:
+        for candidate in of_effects(selection.ranked(rest), _EXAMINED, partial(_is_near, a, b)):
             if is_steady_wind(selection.fleet, candidate):
                 continue
             one = selection.with_fitted_onset(rest, selection.assess(rest, candidate))
@@ -105,6 +100,13 @@ def _with_one_less(
                 replaced = {identity(a), identity(b)} - {identity(one.candidate)}
                 return selection.refitted(changed), replaced
     return None
+
+
+def _is_near(a: Candidate, b: Candidate, candidate: Candidate) -> bool:
+    """Whether a candidate is at the level of one of two claims, or of their car."""
+    level = replace(candidate.level, onset=0.0)
+    of_car = bool(a.level.car) and level.car == a.level.car
+    return of_car or level in {replace(one.level, onset=0.0) for one in (a, b)}
 
 
 def _is_of_one_place(a: Candidate, b: Candidate) -> bool:
