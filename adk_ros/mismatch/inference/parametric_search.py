@@ -31,8 +31,8 @@ from adk_ros.mismatch.library.parametric_features import (
 )
 from adk_ros.numerics.arrays import FloatArray
 
-_KEPT = 40
-"""Members of the grid that are kept for later rounds."""
+_KEPT = 20
+"""Members of the grid, of each equation, that are kept for later rounds. By choice."""
 _REFINED = 6
 """Members that are refined in each round."""
 
@@ -54,9 +54,15 @@ class ParametricSearch:
             values = self.values(name)
             found += [_screened(response, equation, name, values) for _, equation in pairs]
         found.sort(key=lambda x: -x.gain)
-        # Members of one name stay together: its values are computed once.
-        self._pairs = sorted((x.name, x.equation) for x in found[:_KEPT])
-        refined = [self._refined(response, x) for x in _distinct(found)[:_REFINED]]
+        distinct = _distinct(found)
+        # Neighbours of the best one would take the place of all other kinds, and its equation that
+        # of the others. Members of one name stay together: its values are computed once.
+        self._pairs = sorted(
+            (x.name, x.equation)
+            for equation in {x.equation for x in distinct}
+            for x in [one for one in distinct if one.equation == equation][:_KEPT]
+        )
+        refined = [self._refined(response, x) for x in distinct[:_REFINED]]
         refined += self._periodic.best(response)
         return sorted(refined, key=lambda x: -x.gain)[:count]
 

@@ -145,6 +145,20 @@ def test_the_search_finds_kind_signal_and_parameters(
 
 
 @pytest.mark.slow
+def test_what_is_weak_next_to_one_with_many_thresholds_is_examined_later() -> None:
+    """All thresholds of brakes that fade gain more than a memory of the yaw moment."""
+    cut, memory = "gate:brake_torque:deceleration>2", "lag:torque:1.5"
+    likelihood, null, jacobian = problem_with(("v_x", cut, 8e-4), ("yaw_rate", memory, 2e-5))
+    search = ParametricSearch(
+        signals_of(likelihood, null), list(EQUATION_PARAMETERS), list(FEATURES)
+    )
+    response = LinearResponse.of(LinearisedProblem(likelihood, null, jacobian))
+    assert search.best(response, 8)[0].equation == "v_x"
+    assert {equation for _, equation in search._pairs} >= {"v_x", "yaw_rate"}
+    assert len({kind_of(name) for name, _ in search._pairs}) > 5
+
+
+@pytest.mark.slow
 def test_an_oscillation_in_time_is_found_with_its_condition() -> None:
     fast = float(np.quantile(clean()[1].smoothed_odometry[:, 0], 0.5))
     name = f"wave:0.3:0.7:speed>{fast:.4g}"
