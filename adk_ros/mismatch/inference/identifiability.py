@@ -81,19 +81,24 @@ class Identifiability:
     """
     The loss an effect saves, and its competing effects, closest first.
 
-    `scores`: those with the effect; `alternatives_to`: name and scores of what may be in its
-    place, those that the data do not distinguish from it excepted.
+    `scores`: those with the effect; `every_rival`: name and scores of what may be in its place.
     """
 
     gain: float
     competitors: tuple[CompetingEffect, ...]
     scores: LeftOutScores
-    alternatives_to: tuple[tuple[str, LeftOutScores], ...]
+    every_rival: tuple[tuple[str, LeftOutScores], ...]
 
     @property
     def alternatives(self) -> list[str]:
         """Names of effects that the data do not distinguish from it."""
         return [competitor.name for competitor in self.competitors if competitor.alternative]
+
+    @property
+    def alternatives_to(self) -> tuple[tuple[str, LeftOutScores], ...]:
+        """Name and scores of rivals, those that the data do not distinguish from it excepted."""
+        tied = self.alternatives
+        return tuple((name, scores) for name, scores in self.every_rival if name not in tied)
 
     def without_alternatives(self, refused: Collection[tuple[str, str]]) -> Identifiability:
         """Return it with competitors (of, name) that are no alternatives, whatever their loss."""
@@ -147,7 +152,7 @@ def assess_identifiability(likelihood: Likelihood, h: Hypothesis, which: int) ->
         )
         if overparameterised:
             difference += margin
-        if not alternative and not overparameterised:
+        if not overparameterised:
             scores[name] = LeftOutScores.of(likelihood, fitted)
         competitors.append(
             CompetingEffect(active.effect.name, name, difference, competitor, alternative)

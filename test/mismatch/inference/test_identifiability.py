@@ -94,6 +94,9 @@ def test_a_material_effect_that_fits_as_well_is_an_alternative(
     softer = ActiveEffect(EFFECTS["rear_tyre_stiffness"], (0.9,))
     found = assessed(monkeypatch, softer, {("rear_tyre_stiffness",): 1003.0})
     assert found.alternatives == ["rear_tyre_stiffness"]
+    assert [name for name, _ in found.alternatives_to] == ["none"]
+    # One that is no alternative by itself is what may be in its place all the same.
     refused = found.without_alternatives({("cg_shift", "rear_tyre_stiffness")})
     assert refused.alternatives == []
+    assert [name for name, _ in refused.alternatives_to] == ["none", "rear_tyre_stiffness"]
     assert found.without_alternatives({("yaw_inertia", "rear_tyre_stiffness")}) == found
