@@ -135,7 +135,7 @@ def _decided(
             surrogate, decision.hypothesis, lap, judged(decision), data.not_predicted()
         )
 
-    decision = without_places_on_slopes(decision, null, evidence, validated)
+    decision = without_places_on_slopes(decision, training, null, evidence, validated)
     decision = formula_instead(decision)
     if not is_corroborated(decision.hypothesis, training, whole, path.expected_loss):
         decision = withdrawn(decision, null)

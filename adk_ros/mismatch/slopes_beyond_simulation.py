@@ -12,27 +12,39 @@ that is not explained.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 from adk_ros.mismatch.deployment.held_out import Evidence
 from adk_ros.mismatch.inference.decision import Decision
+from adk_ros.mismatch.inference.fit_budget import FINAL
 from adk_ros.mismatch.inference.hypothesis import Hypothesis
+from adk_ros.mismatch.inference.likelihood import Likelihood
 from adk_ros.mismatch.inference.result import NONE
+from adk_ros.mismatch.library.effect import PLACE
 from adk_ros.mismatch.validation import Validation
 
 
 def without_places_on_slopes(
     decision: Decision,
+    training: Likelihood,
     null: Hypothesis,
     evidence: Sequence[Evidence],
     validated: Callable[[Decision], Validation],
 ) -> Decision:
     """
-    Return a decision for nothing in place of effects at places that no held-out error asks for.
+    Return a decision without the effects at places that no held-out error asks for.
 
     :param null: the hypothesis without effects. :param validated: judges a decision.
     """
-    has_place = any(active.activation.segments for active in decision.hypothesis.effects)
-    if not has_place or all(item.log.road is None for item in evidence):
+    effects = decision.hypothesis.effects
+    left = [active for active in effects if not active.activation.segments]
+    if len(left) == len(effects) or all(item.log.road is None for item in evidence):
         return decision
-    nothing = Decision(NONE, [], None, null, None)
-    return nothing if validated(nothing).errors.is_explained else decision
+    without = Decision(NONE, [], None, null, None)
+    if left:
+        h = training.fit(
+            left, nuisances=decision.hypothesis.nuisances, budget=FINAL, fit_activation=True
+        )
+        identified = [e for e in decision.effects if e.kind != PLACE]
+        without = replace(decision, effects=identified, hypothesis=h)
+    return without if validated(without).errors.is_explained else decision

@@ -150,15 +150,23 @@ def test_a_place_on_slopes_is_claimed_only_for_an_error_that_is_not_explained() 
     place = Activation(None, ((10.0, 90.0),), 400.0)
     active = ActiveEffect(effect, (0.8,), place)
     named = Decision(EXPLAINED, [], None, Hypothesis((active,), nuisances, 0.0), None)
+    payload = ActiveEffect(EFFECTS["payload"], (100.0,))
+    training = cast(
+        Likelihood, SimpleNamespace(fit=lambda left, **_: Hypothesis(tuple(left), nuisances, 0.0))
+    )
 
     def judged(is_explained: bool) -> Callable[[Decision], Validation]:
         errors = SimpleNamespace(is_explained=is_explained)
         return lambda _: cast(Validation, SimpleNamespace(errors=errors))
 
     on_slopes, level = [Evidence(used)], [Evidence(steady())]
-    assert without_places_on_slopes(named, null, on_slopes, judged(True)).verdict == NONE
-    assert without_places_on_slopes(named, null, on_slopes, judged(False)) is named
-    assert without_places_on_slopes(named, null, level, judged(True)) is named
+    assert without_places_on_slopes(named, training, null, on_slopes, judged(True)).verdict == NONE
+    assert without_places_on_slopes(named, training, null, on_slopes, judged(False)) is named
+    assert without_places_on_slopes(named, training, null, level, judged(True)) is named
+    # What acts throughout stays.
+    both = replace(named, hypothesis=Hypothesis((active, payload), nuisances, 0.0))
+    left = without_places_on_slopes(both, training, null, on_slopes, judged(True))
+    assert (left.verdict, left.hypothesis.effects) == (EXPLAINED, (payload,))
 
 
 @cache
