@@ -66,15 +66,35 @@ class Decision:
 
 
 def decide(likelihood: Likelihood, path: SelectionPath) -> Decision:
-    """Decide between no mismatch, effects, and unmodelled dynamics."""
+    """
+    Decide between no mismatch, effects, and unmodelled dynamics.
+
+    What an effect that is dropped seemed to explain may be a formula's: it is sought again beside
+    the effects that stay.
+    """
     best = best_within_bounds(path)
+    while True:
+        decision, dropped = _decided(likelihood, path, best)
+        if not dropped:
+            return decision
+        left = [a for a in decision.hypothesis.effects if not isinstance(a.effect, FeatureEffect)]
+        best = path.levels[0][0]
+        if left:
+            best = _fit_final(likelihood, left, decision.hypothesis)
+
+
+def _decided(
+    likelihood: Likelihood, path: SelectionPath, best: Hypothesis
+) -> tuple[Decision, bool]:
+    """Return the decision from the selected effects, and whether any of them was dropped."""
     small = excess_is_small(best, path)
     only_formula = small and not best.effects
     unmodelled, formula = unmodelled_dynamics(likelihood, path, best, small)
     if unmodelled is not None:
         best = unmodelled.hypothesis
     elif not best.effects:
-        return Decision(NONE, [], None, best, None)
+        return Decision(NONE, [], None, best, None), False
+    selected = _count(best)
     starts = [best]
     if formula is not None and formula.terms and formula is not unmodelled:
         formula = _refitted(likelihood, formula)
@@ -91,8 +111,12 @@ def decide(likelihood: Likelihood, path: SelectionPath) -> Decision:
         supported = [active for i, active in enumerate(final.effects) if i != weakest]
         final = _fit_final(likelihood, supported, final)
         final, identifiability = _resolve_competitors(likelihood, final, path.examined)
+    dropped = _count(final) < selected
     if not final.effects:
-        return Decision(NONE, [], None, final, None)
+        if unmodelled is None or unmodelled.terms:
+            return Decision(NONE, [], None, final, None), dropped
+        # Far more than noise, that no effect and no feature reduces.
+        return Decision(UNKNOWN, [], unmodelled.unexplained(), final, unmodelled), dropped
     deviations = effect_deviations(likelihood, final)
     if formula is not None and len(starts) > 1:
         formula = _refitted(likelihood, formula, final)
@@ -109,10 +133,16 @@ def decide(likelihood: Likelihood, path: SelectionPath) -> Decision:
         if i in identifiability
     ]
     if unmodelled is None:
-        return Decision(EXPLAINED, effects, None, final, None, formula=formula)
-    return Decision(
+        return Decision(EXPLAINED, effects, None, final, None, formula=formula), dropped
+    decision = Decision(
         UNKNOWN, effects, unmodelled.unexplained(), final, unmodelled, excess_is_small=only_formula
     )
+    return decision, dropped
+
+
+def _count(h: Hypothesis) -> int:
+    """Return the number of effects of the catalogue."""
+    return sum(not isinstance(active.effect, FeatureEffect) for active in h.effects)
 
 
 def _evidence(

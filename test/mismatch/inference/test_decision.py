@@ -133,6 +133,56 @@ def test_a_formula_is_sought_where_the_loss_of_all_channels_is_that_of_noise(
     assert not second.terms
 
 
+def test_a_formula_is_sought_again_beside_the_effects_that_stay(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """An effect that was dropped seemed to leave nothing for a formula."""
+    null, both = effects(20_000.0), effects(19_000.0, "payload", "aero_drag")
+    path = SelectionPath([[null], [both]], expected_loss=20_000.0)
+    stays, nothing = effects(19_100.0, "payload"), effects(20_000.0)
+    answers = [
+        (decision.Decision(decision.EXPLAINED, [], None, stays, None), True),
+        (decision.Decision(decision.NONE, [], None, nothing, None), True),
+        (decision.Decision(decision.UNKNOWN, [], None, nothing, None), False),
+    ]
+    asked: list[tuple[str, ...]] = []
+
+    def decided(likelihood: Any, path: SelectionPath, best: Hypothesis) -> Any:
+        asked.append(best.names)
+        return answers[len(asked) - 1]
+
+    monkeypatch.setattr(decision, "best_within_bounds", lambda _: both)
+    monkeypatch.setattr(decision, "_decided", decided)
+    monkeypatch.setattr(decision, "_fit_final", lambda _, left, __: effects(19_100.0, "payload"))
+    likelihood: Any = None
+    assert decision.decide(likelihood, path).verdict == decision.UNKNOWN
+    assert asked == [("payload", "aero_drag"), ("payload",), ()]
+
+
+@pytest.mark.parametrize(("excess", "verdict"), [(4_000.0, "none"), (6_000.0, "unknown")])
+def test_what_neither_effects_nor_features_reduce_is_said(
+    monkeypatch: pytest.MonkeyPatch, excess: float, verdict: str
+) -> None:
+    """Above a quarter of what noise leaves, no error of the surrogate on another route."""
+    null = effects(20_000.0 + excess)
+    path = SelectionPath([[null]], expected_loss=20_000.0, null_excess_loss=excess)
+    alone = replace(expression(20_000.0 + excess), terms=(), hypothesis=null)
+    monkeypatch.setattr(formula_choice, "supported_formula", lambda *_: alone)
+    monkeypatch.setattr(decision, "_fit_final", lambda *_: null)
+    monkeypatch.setattr(decision, "_canonicalised", lambda _, h: h)
+    monkeypatch.setattr(decision, "significant_effects", lambda *_: [])
+    found = decision.decide(Unobservable(), path)
+    assert (found.verdict, found.effects) == (verdict, [])
+    assert (found.unexplained is None) is (verdict == "none")
+
+
+class Unobservable(Likelihood):
+    """A likelihood that is asked for nothing."""
+
+    def __init__(self) -> None:
+        pass
+
+
 @pytest.mark.parametrize(("left", "is_searched"), [(700.0, False), (7000.0, True)])
 def test_an_effect_that_leaves_more_than_noise_is_compared_with_searched_features(
     monkeypatch: pytest.MonkeyPatch, left: float, is_searched: bool
