@@ -95,7 +95,7 @@ def select_effects(
         level += [h for h in path.of_one_cause if len(h.effects) == size]
         level = refit_competitive(likelihood, level, path)
         path.levels += [level] if level else []
-        if not level or not path.accepts(level[0], path.levels[size - 1][0]):
+        if path.first_accepted(level, path.levels[size - 1][0]) is None:
             break
         best = level[0]
         excess = max(best.loss - path.expected_loss, 0.0)

@@ -21,7 +21,7 @@ at least
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 from adk_ros.mismatch.inference.hypothesis import Hypothesis
@@ -79,10 +79,18 @@ class SelectionPath:
         """Return the largest hypothesis, of at most `most` effects, each of which is accepted."""
         chosen = self.levels[0][0]
         for level in self.levels[1:]:
-            best = next((h for h in level if most is None or len(h.effects) <= most), None)
-            if best is not None and self.accepts(best, chosen):
-                chosen = best
+            within = [h for h in level if most is None or len(h.effects) <= most]
+            chosen = self.first_accepted(within, chosen) or chosen
         return chosen
+
+    def first_accepted(self, level: Sequence[Hypothesis], chosen: Hypothesis) -> Hypothesis | None:
+        """
+        Return the best hypothesis of a level that is accepted, none if none is.
+
+        Not always the one with the least loss: what gains in a direction in which none of `chosen`
+        acts need gain less.
+        """
+        return next((h for h in level if self.accepts(h, chosen)), None)
 
     def singles(self) -> list[Hypothesis]:
         """Return the fitted hypotheses of one effect, best first."""
@@ -96,11 +104,16 @@ class SelectionPath:
 
 
 def selection_steps(path: SelectionPath) -> list[SelectionStep]:
-    """Return the best hypothesis of each size, and what it gained over the accepted one before."""
+    """
+    Return the best accepted hypothesis of each size, and what it gained over the one before.
+
+    Of a size of which none is accepted, the best one.
+    """
     before = path.levels[0][0]
     steps = [SelectionStep((), before.loss)]
     for level in path.levels[1:]:
-        best = level[0]
+        accepted = path.first_accepted(level, before)
+        best = accepted or level[0]
         constants, more = _constants(before, path), _more_effects(best, before)
         gain, required = max(
             (
@@ -110,7 +123,7 @@ def selection_steps(path: SelectionPath) -> list[SelectionStep]:
             key=lambda pair: pair[0] / pair[1],
         )
         steps.append(SelectionStep(best.names, best.loss, gain, required))
-        before = best if path.accepts(best, before) else before
+        before = accepted or before
     return steps
 
 

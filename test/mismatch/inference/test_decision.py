@@ -30,6 +30,7 @@ from adk_ros.mismatch.inference.selection_path import (
     SelectionPath,
     is_improvement,
     min_required_gain,
+    selection_steps,
 )
 from adk_ros.mismatch.inference.term_meaning import Body
 from adk_ros.mismatch.inference.unmodelled import (
@@ -289,6 +290,14 @@ def test_an_inexact_longitudinal_equation_hides_no_lateral_effect() -> None:
     assert is_improvement(lateral, lag, path)
     longitudinal = split(effects(20_000.0, "drive_torque_lag", "aero_drag"), 7000.0)
     assert not is_improvement(longitudinal, lag, path)
+    # So the pair with the least loss is not the one that is claimed.
+    better = split(effects(19_500.0, "drive_torque_lag", "aero_drag"), 6500.0)
+    path.levels = [[split(effects(1_020_000.0), 999_000.0)], [lag], [better, lateral]]
+    assert path.best() is lateral
+    assert [step.names for step in selection_steps(path)] == [(), lag.names, lateral.names]
+    path.levels[2] = [better, longitudinal]
+    assert path.best() is lag
+    assert selection_steps(path)[2].names == better.names
     # Nor a lateral gain that is within the errors of the lateral equations.
     path.null_excess_by_direction = np.array([500_000.0, 500_000.0])
     assert not is_improvement(lateral, lag, path)
