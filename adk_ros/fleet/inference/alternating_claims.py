@@ -5,6 +5,7 @@ Claims that alternate: linearised at the one, the fleet shows the other.
 
 Each linearisation is exact at its claims only, so that two explanations may each look better from
 the other's. Both have been linearised then, and the one that leaves less of the loss there stays.
+What is claimed only where the fleet is not linearised at it is no claim.
 """
 
 from __future__ import annotations

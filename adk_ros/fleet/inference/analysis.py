@@ -22,6 +22,7 @@ from adk_ros.fleet.inference.alternating_claims import AlternatingClaims
 from adk_ros.fleet.inference.competing_effects import remaining_loss
 from adk_ros.fleet.inference.effect_comparisons import EffectComparisons
 from adk_ros.fleet.inference.evidence import Row
+from adk_ros.fleet.inference.fleet_candidates import identity
 from adk_ros.fleet.inference.fleet_estimate import (
     ROUNDS,
     EvidenceAt,
@@ -135,7 +136,8 @@ class _Passes:
         is_first_of_all = turn == _EARLY_PASSES + 1 and self.passes > MAX_PASSES
         if at is not None and turn > _EARLY_PASSES and not is_first_of_all:
             left = remaining_loss(at, self.linearised.usable(self._active))
-            if self._alternating.settle(at.identities, left, estimate.identities):
+            claims = frozenset(identity(one.candidate) for one in at.claims)
+            if self._alternating.settle(claims, left, estimate.identities):
                 estimate = self._estimate(turn)
         return estimate
 
