@@ -24,6 +24,7 @@ from copy import copy
 from dataclasses import replace
 
 import numpy as np
+from scipy.optimize import minimize_scalar
 from scipy.special import ndtri
 
 from adk_ros.fleet.inference.assessment import Assessment, extended
@@ -36,8 +37,9 @@ from adk_ros.fleet.inference.fleet_model import (
     strangers_of,
     without_faults,
 )
-from adk_ros.fleet.inference.levels import Level, is_trend, is_usable
+from adk_ros.fleet.inference.levels import RAMP, Level, is_trend, is_usable
 from adk_ros.fleet.inference.variance_components import fitted_components
+from adk_ros.mismatch.library.criteria import PENALTY_PER_PARAMETER
 
 _FITTED_ONSETS = 40
 """Change points among which that of a claimed trend is chosen, over its recordings. By choice."""
@@ -75,6 +77,10 @@ class Selection(Candidates):
             self.progress(len(model.claimed) / MAX_TERMS, "selecting effects and levels")
             refused = {*replaced, *(one for one, times in drops.items() if times >= _MOST_DROPS)}
             best = self.best(model, refused)
+            moved = self._with_onset_again(model, best)
+            if moved is not None:
+                model = moved
+                continue
             if best is None:
                 both = self._pair_that_saves(model, refused)
                 if both is None:
@@ -238,13 +244,39 @@ class Selection(Candidates):
         def likelihood(candidate: Candidate) -> float:
             return mixed.estimate(model.terms([candidate]), components).likelihood
 
-        candidates = [found.candidate]
-        for day in (days[0], *np.quantile(days, quantiles)):
+        def at(day: float) -> Candidate:
             moved = replace(level, onset=float(day))
-            if is_usable(moved, self.fleet):
-                candidates.append(Candidate(effect, moved, moved.design(self.fleet)))
-        best = max(candidates, key=likelihood)
+            return Candidate(effect, moved, moved.design(self.fleet))
+
+        tried = [at(day) for day in (days[0], *np.quantile(days, quantiles))]
+        usable = [found.candidate, *(one for one in tried if is_usable(one.level, self.fleet))]
+        best = max(usable, key=likelihood)
+        if level.kind == RAMP:
+            # A large ramp is known to a part of a day: what a wrong one leaves is a second ramp.
+            onsets = np.unique([one.level.onset for one in usable])
+            i = int(np.searchsorted(onsets, best.level.onset))
+            near = float(onsets[max(i - 1, 0)]), float(onsets[min(i + 1, onsets.size - 1)])
+            day = minimize_scalar(lambda x: -likelihood(at(x)), bounds=near, method="bounded").x
+            best = max((best, at(day)), key=likelihood)
         return found if best is found.candidate else self.assess(model, best)
+
+    def _with_onset_again(self, model: FleetModel, best: Assessment | None) -> FleetModel | None:
+        """
+        Return the model with the change point of a claimed trend fitted again, if it is better.
+
+        Next to the claims that have come since, by a parameter's penalty; of the trend that would
+        be claimed a second time, or of any before the selection ends (`best`: None).
+        """
+        for claim in model.claimed:
+            is_due = best is None or identity(claim) == identity(best.candidate)
+            if not (is_due and is_trend(claim.level)):
+                continue
+            rest = self.without(model, claim)
+            found = self.with_fitted_onset(rest, self.assess(rest, claim))
+            again = self.refitted(extended(rest, found))
+            if rise(self.fleet, model, again) > 0.5 * PENALTY_PER_PARAMETER:
+                return again
+        return None
 
     def without_insignificant(self, model: FleetModel) -> tuple[FleetModel, list[Candidate]]:
         """Return the model without claims that are not claimable in it, and what was dropped."""

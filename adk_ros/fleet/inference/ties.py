@@ -59,9 +59,7 @@ def ties_of(selection: Selection, model: FleetModel, claim: Assessment) -> list[
     if candidate.effect not in effects:
         rest = replace(rest, components={k: v for k, v in rest.components.items() if k in effects})
     found: list[tuple[float, Candidate]] = []
-    # With the components that it has as a candidate, like the others.
-    evidence = selection.assess(rest, candidate).evidence
-    least = _LEAST_SHARE * evidence
+    least = _LEAST_SHARE * claim.evidence
     for gain, other in selection.ranked(rest):
         if gain < least or len(found) == _EXAMINED:
             break
@@ -73,7 +71,7 @@ def ties_of(selection: Selection, model: FleetModel, claim: Assessment) -> list[
         one = selection.assess(rest, other)
         if not selection.is_possible(one):
             continue
-        difference = 0.5 * (evidence - one.evidence)
+        difference = 0.5 * (claim.evidence - one.evidence)
         direction = _direction(claim) - _direction(one)
         systematic = float(np.sqrt(np.maximum(direction @ fleet.bias @ direction, 0.0)))
         margin = float(np.log(SIGNIFICANT_ODDS)) - float(ndtri(FAMILYWISE_ERROR_RATE)) * systematic

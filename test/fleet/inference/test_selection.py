@@ -120,6 +120,32 @@ def test_what_a_fault_leaves_is_no_scatter_of_what_all_cars_share() -> None:
     assert candidate.evidence == pytest.approx(shared.evidence, rel=0.1)
 
 
+@pytest.mark.parametrize("day", [21.0, 27.9, 30.2])
+def test_the_onset_of_a_ramp_is_known_to_a_part_of_a_day(day: float) -> None:
+    """Half a day leaves what seems a second ramp, where sizes are known to one in a thousand."""
+    drift = Injection("rolling_resistance.crr", Level(RAMP, car="car03", onset=day), 9.0)
+    plan = FleetPlan(
+        cars=8, recordings=48, effects=7, bias=0.0, deviation=0.004, injections=(drift,)
+    )
+    fleet = draw_fleet(3, plan)
+    (claim,) = Selection(fleet).select().claimed
+    assert claim.level.onset == pytest.approx(day, abs=0.3)
+
+
+def test_the_onset_of_a_claim_is_fitted_again_before_the_selection_ends() -> None:
+    drift = Injection("rolling_resistance.crr", Level(RAMP, car="car03", onset=27.9), 9.0)
+    plan = FleetPlan(
+        cars=8, recordings=48, effects=7, bias=0.0, deviation=0.004, injections=(drift,)
+    )
+    fleet = draw_fleet(3, plan)
+    selection = Selection(fleet)
+    wrong = replace(drift.level, onset=29.5)
+    effect = fleet.columns.effects.index(drift.key)
+    start = selection.refitted(FleetModel((Candidate(effect, wrong, wrong.design(fleet)),), {}))
+    (claim,) = selection.select(start).claimed
+    assert claim.level.onset == pytest.approx(27.9, abs=0.15)
+
+
 def test_an_effect_beyond_its_range_is_not_claimed() -> None:
     # A relaxation length cannot be negative.
     plan = FleetPlan(
