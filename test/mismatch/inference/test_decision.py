@@ -26,6 +26,7 @@ from adk_ros.mismatch.inference.identifiability import (
     LeftOutScores,
 )
 from adk_ros.mismatch.inference.likelihood import Likelihood
+from adk_ros.mismatch.inference.result import EXPLAINED, NONE, UNKNOWN
 from adk_ros.mismatch.inference.selection_path import (
     SelectionPath,
     is_improvement,
@@ -142,9 +143,9 @@ def test_a_formula_is_sought_again_beside_the_effects_that_stay(
     path = SelectionPath([[null], [both]], expected_loss=20_000.0)
     stays, nothing = effects(19_100.0, "payload"), effects(20_000.0)
     answers = [
-        (decision.Decision(decision.EXPLAINED, [], None, stays, None), True),
-        (decision.Decision(decision.NONE, [], None, nothing, None), True),
-        (decision.Decision(decision.UNKNOWN, [], None, nothing, None), False),
+        (decision.Decision(EXPLAINED, [], None, stays, None), True),
+        (decision.Decision(NONE, [], None, nothing, None), True),
+        (decision.Decision(UNKNOWN, [], None, nothing, None), False),
     ]
     asked: list[tuple[str, ...]] = []
 
@@ -156,7 +157,7 @@ def test_a_formula_is_sought_again_beside_the_effects_that_stay(
     monkeypatch.setattr(decision, "_decided", decided)
     monkeypatch.setattr(decision, "_fit_final", lambda _, left, __: effects(19_100.0, "payload"))
     likelihood: Any = None
-    assert decision.decide(likelihood, path).verdict == decision.UNKNOWN
+    assert decision.decide(likelihood, path).verdict == UNKNOWN
     assert asked == [("payload", "aero_drag"), ("payload",), ()]
 
 
