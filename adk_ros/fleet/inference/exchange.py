@@ -139,11 +139,11 @@ def likelier_pairs(
     `rest`: `model` without the claim. `margin`: what the logarithm of the likelihood must rise by,
     besides half a parameter's penalty. The last two claims are the pair.
     """
-    level, refused = replace(claim.candidate.level, onset=0.0), {identity(claim.candidate)}
+    level, refused = claim.candidate.level.without_onset, {identity(claim.candidate)}
     floor = 0.5 * _LEAST_SHARE * claim.evidence
     margin += 0.5 * PENALTY_PER_PARAMETER
     pairs = selection.pairs(
-        rest, refused, lambda other: replace(other, onset=0.0) == level, floor, (model, margin)
+        rest, refused, lambda other: other.without_onset == level, floor, (model, margin)
     )
     yield from (both for both in pairs if rise(selection.fleet, model, both) > margin)
 
@@ -179,5 +179,5 @@ def _with_a_likelier_one(
 def _competes(candidate: Candidate, claim: Candidate) -> bool:
     """Whether a candidate is another effect at the level of a claim, or of its car."""
     a, b = candidate.level, claim.level
-    of_same = replace(a, onset=0.0) == replace(b, onset=0.0) or (a.car != "" and a.car == b.car)
+    of_same = a.without_onset == b.without_onset or (a.car != "" and a.car == b.car)
     return of_same and candidate.effect != claim.effect

@@ -77,7 +77,7 @@ class Candidates:
         self.fleet = fleet
         self.levels = levels_of(fleet)
         self.designs = np.array([level.design(fleet) for level in self.levels])
-        self._without_onset = [replace(level, onset=0.0) for level in self.levels]
+        self._without_onset = [level.without_onset for level in self.levels]
         informative = np.einsum("rii->i", fleet.informations)[fleet.columns.first_effect :]
         self.observable = [int(i) for i in np.flatnonzero(informative > 0.0)]
         self.rates = ErrorRates.of(self.levels, len(self.observable), further_tests)
@@ -307,4 +307,4 @@ def of_effects(
 
 def identity(candidate: Candidate) -> Identity:
     """Return what a candidate is about; change points, which are fitted, count as one."""
-    return candidate.effect, replace(candidate.level, onset=0.0)
+    return candidate.effect, candidate.level.without_onset

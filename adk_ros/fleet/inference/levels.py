@@ -11,7 +11,7 @@ reaches one at the last recording of those cars. So the size of a ramp is what w
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -59,6 +59,11 @@ class Level:
             STEP: f"from day {self.onset:.3g} on{of}",
             RAMP: f"growing from day {self.onset:.3g} on{of}",
         }[self.kind]
+
+    @property
+    def without_onset(self) -> Level:
+        """The level whatever its change point, which is fitted."""
+        return replace(self, onset=0.0)
 
     def design(self, fleet: FleetEvidence) -> FloatArray:
         """Return how much of the effect acts in each recording (r,), from 0 to 1."""

@@ -15,7 +15,6 @@ that save nothing next to the others are dropped for the same reason.
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import partial
 from itertools import combinations
 
@@ -104,9 +103,9 @@ def _with_one_less(
 
 def _is_near(a: Candidate, b: Candidate, candidate: Candidate) -> bool:
     """Whether a candidate is at the level of one of two claims, or of their car."""
-    level = replace(candidate.level, onset=0.0)
+    level = candidate.level.without_onset
     of_car = bool(a.level.car) and level.car == a.level.car
-    return of_car or level in {replace(one.level, onset=0.0) for one in (a, b)}
+    return of_car or level in {one.level.without_onset for one in (a, b)}
 
 
 def _is_of_one_place(a: Candidate, b: Candidate) -> bool:
