@@ -84,7 +84,7 @@ def select_effects(
     path.surrogate_error_dof = likelihood.surrogate_error_dof()
     path.levels.append([null])
     path.examined = examined_count(likelihood, lap)
-    beam = [null]
+    beam, chosen = [null], null
     for size in range(1, max_effects + 1):
         level: list[Hypothesis] = []
         for i, start in enumerate(beam):
@@ -95,8 +95,10 @@ def select_effects(
         level += [h for h in path.of_one_cause if len(h.effects) == size]
         level = refit_competitive(likelihood, level, path)
         path.levels += [level] if level else []
-        if path.first_accepted(level, path.levels[size - 1][0]) is None:
+        accepted = path.first_accepted(level, chosen)
+        if accepted is None:
             break
+        chosen = accepted
         best = level[0]
         excess = max(best.loss - path.expected_loss, 0.0)
         margin = BEAM_EXCESS_SHARE * excess + BEAM_NOISE_SHARE * path.expected_loss
