@@ -117,7 +117,7 @@ def _decided(
         decision = data.with_onsets_at_starts(decision)
     report(_DECIDED, _TOTAL, "predicting held-out data")
     if not held_out:
-        decision = confirmed(decision, training, whole)
+        decision = confirmed(decision, training, whole, path)
     null, reason = path.levels[0][0], ""
     if decision.excess_is_small and not is_formula_confirmed(
         decision.hypothesis, null, training, whole
@@ -135,7 +135,7 @@ def _decided(
             surrogate, decision.hypothesis, lap, judged(decision), data.not_predicted()
         )
 
-    decision = without_places_on_slopes(decision, training, null, evidence, validated)
+    decision = without_places_on_slopes(decision, training, path, evidence, validated)
     decision = formula_instead(decision)
     if not is_corroborated(decision.hypothesis, training, whole, path.expected_loss):
         decision = withdrawn(decision, null)

@@ -12,39 +12,37 @@ that is not explained.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 
 from adk_ros.mismatch.deployment.held_out import Evidence
-from adk_ros.mismatch.inference.decision import Decision
+from adk_ros.mismatch.inference.decision import Decision, reassessed
 from adk_ros.mismatch.inference.fit_budget import FINAL
-from adk_ros.mismatch.inference.hypothesis import Hypothesis
 from adk_ros.mismatch.inference.likelihood import Likelihood
 from adk_ros.mismatch.inference.result import NONE
-from adk_ros.mismatch.library.effect import PLACE
+from adk_ros.mismatch.inference.selection_path import SelectionPath
 from adk_ros.mismatch.validation import Validation
 
 
 def without_places_on_slopes(
     decision: Decision,
     training: Likelihood,
-    null: Hypothesis,
+    path: SelectionPath,
     evidence: Sequence[Evidence],
     validated: Callable[[Decision], Validation],
 ) -> Decision:
     """
     Return a decision without the effects at places that no held-out error asks for.
 
-    :param null: the hypothesis without effects. :param validated: judges a decision.
+    :param path: of the selection, with the hypothesis without effects. :param validated: judges a
+    decision.
     """
     effects = decision.hypothesis.effects
     left = [active for active in effects if not active.activation.segments]
     if len(left) == len(effects) or all(item.log.road is None for item in evidence):
         return decision
-    without = Decision(NONE, [], None, null, None)
+    without = Decision(NONE, [], None, path.levels[0][0], None)
     if left:
         h = training.fit(
             left, nuisances=decision.hypothesis.nuisances, budget=FINAL, fit_activation=True
         )
-        identified = [e for e in decision.effects if e.kind != PLACE]
-        without = replace(decision, effects=identified, hypothesis=h)
+        without = reassessed(decision, training, h, path)
     return without if validated(without).errors.is_explained else decision

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from helpers.mismatch import car, steady
 
+from adk_ros.mismatch import slopes_beyond_simulation
 from adk_ros.mismatch.analysis import identify_mismatch
 from adk_ros.mismatch.deployment.held_out import Evidence
 from adk_ros.mismatch.deployment.simulator_input import sensor_log_of
@@ -21,6 +22,7 @@ from adk_ros.mismatch.inference.decision import Decision
 from adk_ros.mismatch.inference.hypothesis import ActiveEffect, Hypothesis
 from adk_ros.mismatch.inference.likelihood import Likelihood
 from adk_ros.mismatch.inference.result import EXPLAINED, NONE, UNKNOWN
+from adk_ros.mismatch.inference.selection_path import SelectionPath
 from adk_ros.mismatch.library.catalogue import EFFECTS
 from adk_ros.mismatch.library.surrogate_parameters import INDEX, SIZE
 from adk_ros.mismatch.recording.joined import concatenated, shifted
@@ -142,10 +144,17 @@ def test_recordings_in_a_row_keep_their_slopes() -> None:
     assert with_measured_road(hilly(), surrogate(), hilly()).road is None
 
 
-def test_a_place_on_slopes_is_claimed_only_for_an_error_that_is_not_explained() -> None:
+def test_a_place_on_slopes_is_claimed_only_for_an_error_that_is_not_explained(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     (used,), _ = with_measured_roads([hilly()], surrogate())
     nuisances = np.zeros(0)
-    null = Hypothesis((), nuisances, 0.0)
+    path = SelectionPath(levels=[[Hypothesis((), nuisances, 0.0)]])
+    monkeypatch.setattr(
+        slopes_beyond_simulation,
+        "reassessed",
+        lambda decision, _, h, __: replace(decision, hypothesis=h),
+    )
     effect = EFFECTS["low_friction"]
     place = Activation(None, ((10.0, 90.0),), 400.0)
     active = ActiveEffect(effect, (0.8,), place)
@@ -160,12 +169,12 @@ def test_a_place_on_slopes_is_claimed_only_for_an_error_that_is_not_explained() 
         return lambda _: cast(Validation, SimpleNamespace(errors=errors))
 
     on_slopes, level = [Evidence(used)], [Evidence(steady())]
-    assert without_places_on_slopes(named, training, null, on_slopes, judged(True)).verdict == NONE
-    assert without_places_on_slopes(named, training, null, on_slopes, judged(False)) is named
-    assert without_places_on_slopes(named, training, null, level, judged(True)) is named
+    assert without_places_on_slopes(named, training, path, on_slopes, judged(True)).verdict == NONE
+    assert without_places_on_slopes(named, training, path, on_slopes, judged(False)) is named
+    assert without_places_on_slopes(named, training, path, level, judged(True)) is named
     # What acts throughout stays.
     both = replace(named, hypothesis=Hypothesis((active, payload), nuisances, 0.0))
-    left = without_places_on_slopes(both, training, null, on_slopes, judged(True))
+    left = without_places_on_slopes(both, training, path, on_slopes, judged(True))
     assert (left.verdict, left.hypothesis.effects) == (EXPLAINED, (payload,))
 
 

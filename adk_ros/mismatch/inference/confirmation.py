@@ -11,15 +11,14 @@ noise may explain the recording without it, in proportion to the squares of what
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
-from adk_ros.mismatch.inference.decision import Decision
+from adk_ros.mismatch.inference.decision import Decision, reassessed
 from adk_ros.mismatch.inference.feature_effect import FeatureEffect
 from adk_ros.mismatch.inference.fit_budget import ABLATION, FINAL
 from adk_ros.mismatch.inference.hypothesis import ActiveEffect, Hypothesis
 from adk_ros.mismatch.inference.likelihood import Likelihood
+from adk_ros.mismatch.inference.selection_path import SelectionPath
 from adk_ros.mismatch.library.criteria import (
     MIN_ACTIVE_S,
     MIN_CONFIRMED_SHARE,
@@ -30,12 +29,15 @@ from adk_ros.numerics.arrays import BoolArray, FloatArray
 from adk_ros.numerics.levenberg_marquardt import huber_loss
 
 
-def confirmed(decision: Decision, training: Likelihood, whole: Likelihood) -> Decision:
+def confirmed(
+    decision: Decision, training: Likelihood, whole: Likelihood, path: SelectionPath
+) -> Decision:
     """
     Return a decision without the effects that held-out data do not confirm.
 
     `training`: likelihood of the part before the held-out one; `whole`: of all data. A single
-    effect is left to the check of the held-out errors.
+    effect is left to the check of the held-out errors. What may be in the place of the effects
+    that stay is judged anew: an effect that was dropped may have taken its part.
     """
     h = decision.hypothesis
     held_out = training.held_out_bins()
@@ -45,11 +47,7 @@ def confirmed(decision: Decision, training: Likelihood, whole: Likelihood) -> De
             break
         effects = [active for i, active in enumerate(h.effects) if i != refuted]
         h = training.fit(effects, nuisances=h.nuisances, budget=FINAL, fit_activation=True)
-    if h is decision.hypothesis:
-        return decision
-    kept = {(active.effect.name, active.activation.kind) for active in h.effects}
-    effects_left = [e for e in decision.effects if (e.effect.name, e.kind) in kept]
-    return replace(decision, effects=effects_left, hypothesis=h)
+    return decision if h is decision.hypothesis else reassessed(decision, training, h, path)
 
 
 def is_formula_confirmed(
@@ -69,10 +67,12 @@ def is_formula_confirmed(
     before, after = (_whitened(whole, x) for x in (null, h))
     change = (before - after) ** 2
     share = float(change[:, held_out].sum()) / max(float(change[:, ~held_out].sum()), 1e-9)
-    expected = share * max(null.loss - h.loss, 0.0)
+    earlier, gain = (
+        huber_loss(before[:, bins]) - huber_loss(after[:, bins]) for bins in (~held_out, held_out)
+    )
+    expected = share * max(earlier, 0.0)
     if expected < PENALTY_PER_PARAMETER:
         return True
-    gain = huber_loss(before[:, held_out]) - huber_loss(after[:, held_out])
     return bool(
         decided(lambda least: gain >= least * expected, MIN_CONFIRMED_SHARE=MIN_CONFIRMED_SHARE)
     )
@@ -83,15 +83,16 @@ def _refuted(
 ) -> int | None:
     """Return the index of the effect that held-out data confirm least, if not enough."""
     shares: dict[int, float] = {}
-    loss = _loss(whole, h, held_out)
+    later, earlier = _losses(whole, h, held_out)
     for i, active in enumerate(h.effects):
         ratio = _activity_ratio(active, whole, held_out)
         if isinstance(active.effect, FeatureEffect) or ratio is None:
             continue
         others = [other for j, other in enumerate(h.effects) if j != i]
         without = training.fit(others, nuisances=h.nuisances, budget=ABLATION)
-        expected = ratio * max(without.loss - h.loss, 1.0)
-        shares[i] = (_loss(whole, without, held_out) - loss) / expected
+        later_without, earlier_without = _losses(whole, without, held_out)
+        expected = ratio * max(earlier_without - earlier, 1.0)
+        shares[i] = (later_without - later) / expected
     if not shares:
         return None
     worst = min(shares, key=lambda i: shares[i])
@@ -112,9 +113,10 @@ def _activity_ratio(active: ActiveEffect, whole: Likelihood, held_out: BoolArray
     return later / earlier
 
 
-def _loss(likelihood: Likelihood, h: Hypothesis, bins: BoolArray) -> float:
-    """Return the loss of a hypothesis, without the prior's, in some bins."""
-    return huber_loss(_whitened(likelihood, h)[:, bins])
+def _losses(likelihood: Likelihood, h: Hypothesis, bins: BoolArray) -> tuple[float, float]:
+    """Return the loss of a hypothesis, without the prior's, in some bins and in the others."""
+    whitened = _whitened(likelihood, h)
+    return huber_loss(whitened[:, bins]), huber_loss(whitened[:, ~bins])
 
 
 def _whitened(likelihood: Likelihood, h: Hypothesis) -> FloatArray:

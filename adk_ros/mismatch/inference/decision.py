@@ -4,8 +4,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -117,27 +117,47 @@ def _decided(
             return Decision(NONE, [], None, final, None), dropped
         # Far more than noise, that no effect and no feature reduces.
         return Decision(UNKNOWN, [], unmodelled.unexplained(), final, unmodelled), dropped
-    deviations = effect_deviations(likelihood, final)
     if formula is not None and len(starts) > 1:
         formula = _refitted(likelihood, formula, final)
-    evidence_of = _evidence(likelihood, formula, final, path.levels[0][0].loss - final.loss)
-    effects = [
-        _identified(
-            likelihood,
-            active,
-            deviations[i],
-            identifiability[i],
-            evidence_of(identifiability[i]),
-        )
-        for i, active in enumerate(final.effects)
-        if i in identifiability
-    ]
+    effects = _identified_effects(likelihood, path, formula, final, identifiability)
     if unmodelled is None:
         return Decision(EXPLAINED, effects, None, final, None, formula=formula), dropped
     decision = Decision(
-        UNKNOWN, effects, unmodelled.unexplained(), final, unmodelled, excess_is_small=only_formula
+        UNKNOWN,
+        effects,
+        unmodelled.unexplained(),
+        final,
+        unmodelled,
+        formula=formula,
+        excess_is_small=only_formula,
     )
     return decision, dropped
+
+
+def reassessed(
+    decision: Decision, likelihood: Likelihood, h: Hypothesis, path: SelectionPath
+) -> Decision:
+    """Return a decision with the effects of another final fit, and what may be in their place."""
+    final, identifiability = _resolve_competitors(likelihood, h, path.examined)
+    effects = _identified_effects(likelihood, path, decision.formula, final, identifiability)
+    return replace(decision, effects=effects, hypothesis=final)
+
+
+def _identified_effects(
+    likelihood: Likelihood,
+    path: SelectionPath,
+    formula: UnmodelledDynamics | None,
+    h: Hypothesis,
+    identifiability: Mapping[int, Identifiability],
+) -> list[IdentifiedEffect]:
+    """Return the effects of a final fit that have an identifiability, with their evidence."""
+    deviations = effect_deviations(likelihood, h)
+    evidence_of = _evidence(likelihood, formula, h, path.levels[0][0].loss - h.loss)
+    return [
+        _identified(likelihood, active, deviations[i], identifiability[i], evidence_of)
+        for i, active in enumerate(h.effects)
+        if i in identifiability
+    ]
 
 
 def _count(h: Hypothesis) -> int:
@@ -279,7 +299,7 @@ def _identified(
     active: ActiveEffect,
     deviation: Sequence[float],
     identifiability: Identifiability,
-    evidence: Evidence,
+    evidence_of: Callable[[Identifiability], Evidence],
 ) -> IdentifiedEffect:
     activation = active.activation
     return IdentifiedEffect(
@@ -293,5 +313,5 @@ def _identified(
         identifiability.competitors,
         activation.segments,
         activation.onset_s,
-        evidence=evidence,
+        evidence=evidence_of(identifiability),
     )

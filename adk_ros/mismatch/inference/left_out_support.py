@@ -7,10 +7,11 @@ An effect or a formula must explain blocks of time that its own size was not fit
 (`block_scores`): with the tempered likelihood of `confidence`, it is `SIGNIFICANT_ODDS` times as
 probable on them as its absence,
 
-    sum_b (d_b) / (2 tau) + log(prior) >= log(SIGNIFICANT_ODDS),
+    (sum_b d_b + c) / (2 tau) + log(prior) >= log(SIGNIFICANT_ODDS),
 
-with d_b the loss by which its absence is worse on block b. Blocks, not rows, are left out: rows of
-one block are correlated. Onsets, places and parameters of features stay as they were searched for;
+with d_b the loss by which its absence is worse on block b, and c the prior's cost of the unusual
+tolerances by which its absence makes up for it. Blocks, not rows, are left out: rows of one block
+are correlated. Onsets, places and parameters of features stay as they were searched for;
 `PENALTY_PER_LOCATION` and the test of significance account for these.
 """
 
@@ -19,10 +20,9 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
-from adk_ros.mismatch.inference.block_scores import BlockScores
 from adk_ros.mismatch.inference.confidence import ABSENT, ConfidenceModel, formula_log_prior
 from adk_ros.mismatch.inference.hypothesis import Hypothesis
-from adk_ros.mismatch.inference.identifiability import Identifiability
+from adk_ros.mismatch.inference.identifiability import Identifiability, LeftOutScores
 from adk_ros.mismatch.inference.likelihood import Likelihood
 from adk_ros.mismatch.library.criteria import SIGNIFICANT_ODDS
 from adk_ros.mismatch.library.sensitivity import decided
@@ -37,7 +37,7 @@ def least_supported(
     None where they support each of them.
     """
     gains = {
-        i: float((dict(one.alternatives_to)[ABSENT].losses - one.scores.losses).sum())
+        i: _gain(dict(one.alternatives_to)[ABSENT], one.scores)
         for i, one in identifiability.items()
     }
     if not gains:
@@ -51,9 +51,13 @@ def is_formula_supported(
     likelihood: Likelihood, without: Hypothesis, formula: Hypothesis, terms: int
 ) -> bool:
     """Whether left-out blocks support a formula of so many terms against its absence."""
-    losses = [BlockScores.of(likelihood, h).left_out_losses().sum() for h in (without, formula)]
-    gain = float(losses[0] - losses[1])
+    gain = _gain(*(LeftOutScores.of(likelihood, h) for h in (without, formula)))
     return _is_supported(gain, formula_log_prior(terms), likelihood.surrogate_error_dof())
+
+
+def _gain(without: LeftOutScores, own: LeftOutScores) -> float:
+    """Return by how much what is left out is worse without an effect or a formula."""
+    return float((without.losses - own.losses).sum()) + without.prior_cost - own.prior_cost
 
 
 def _is_supported(gain: float, log_prior: float, surrogate_error: float) -> bool:

@@ -17,6 +17,7 @@ from adk_ros.mismatch.inference.fit_budget import FINAL, NULL_HYPOTHESIS
 from adk_ros.mismatch.inference.hypothesis import ActiveEffect, Hypothesis
 from adk_ros.mismatch.inference.likelihood import Likelihood
 from adk_ros.mismatch.inference.result import EXPLAINED, IdentifiedEffect
+from adk_ros.mismatch.inference.selection_path import SelectionPath
 from adk_ros.mismatch.library.catalogue import EFFECTS
 from adk_ros.mismatch.simulator import surrogate_of
 from adk_ros.mismatch.surrogate.activation import ALWAYS_ACTIVE, Activation
@@ -24,6 +25,7 @@ from adk_ros.mismatch.surrogate.residuals import prepare_residual_problem
 
 pytestmark = pytest.mark.slow(seconds=20)
 SPLIT_S = 65.0
+PATH = SelectionPath(levels=[[Hypothesis((), np.zeros(0), 1e4)]])
 
 
 @cache
@@ -63,16 +65,31 @@ def names(h: Hypothesis) -> list[str]:
 def test_an_effect_that_gains_nothing_is_dropped() -> None:
     decision = decided(effect("aero_drag", 0.8), effect("gyro_scale", 1.02))
     assert decision.hypothesis.effects[1].theta[0] == pytest.approx(1.03, abs=0.005)
-    done = confirmed(decision, *likelihoods())
+    done = confirmed(decision, *likelihoods(), PATH)
     assert names(done.hypothesis) == ["aero_drag"]
     assert [one.effect.name for one in done.effects] == ["aero_drag"]
     assert done.verdict == EXPLAINED
     assert done.hypothesis.effects[0].theta[0] == pytest.approx(1.0, rel=0.1)
 
 
+def test_what_may_be_in_the_place_of_those_that_stay_is_judged_anew() -> None:
+    """The absence of the drag is measured beside no other effect, once that is dropped."""
+    training, _ = likelihoods()
+    decision = decided(effect("aero_drag", 0.8), effect("gyro_scale", 1.02))
+    done = confirmed(decision, *likelihoods(), PATH).effects[0]
+    null = training.fit([], nuisances=np.zeros(training.n_nuisances), budget=FINAL)
+    assert done.evidence is not None
+    assert done.gain == pytest.approx(
+        null.loss
+        - training.fit([effect("aero_drag", 1.0)], nuisances=null.nuisances, budget=FINAL).loss,
+        rel=0.05,
+    )
+    assert {c.of for c in done.competitors} == {"aero_drag"}
+
+
 def test_a_single_effect_is_left_to_the_check_of_the_errors() -> None:
     decision = decided(effect("steering_lag", 0.02))
-    assert confirmed(decision, *likelihoods()) is decision
+    assert confirmed(decision, *likelihoods(), PATH) is decision
 
 
 def test_a_formula_must_gain_on_held_out_data_in_proportion() -> None:
@@ -96,4 +113,4 @@ def test_an_effect_that_does_not_act_later_cannot_be_refuted() -> None:
     drag, lag = effect("aero_drag", 1.0), effect("steering_lag", 0.02, late)
     h = training.fit([drag, lag], nuisances=np.zeros(training.n_nuisances), budget=FINAL)
     decision = Decision(EXPLAINED, [], None, h, None)
-    assert confirmed(decision, training, whole) is decision
+    assert confirmed(decision, training, whole, PATH) is decision

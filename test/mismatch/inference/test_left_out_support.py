@@ -79,6 +79,15 @@ def test_a_gain_in_one_block_that_the_others_contradict_is_no_support() -> None:
     assert least_supported(Known(), {0: gained(per_block)}) == 0
 
 
+def test_unusual_tolerances_that_absence_needs_count() -> None:
+    """As in the posterior: what the prior charges for them is part of the evidence."""
+    for cost, least in ((0.0, 0), (LEAST, None)):
+        absent = LeftOutScores(np.full(BLOCKS, 0.01), 1.0 + cost)
+        scores = LeftOutScores(np.zeros(BLOCKS), 1.0)
+        effect = Identifiability(1e3, (), scores, ((ABSENT, absent),))
+        assert least_supported(Known(), {0: effect}) == least
+
+
 def test_nothing_to_support() -> None:
     assert least_supported(Known(), {}) is None
 
@@ -91,10 +100,10 @@ def fitted(loss: float) -> Hypothesis:
 def left_out(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let each hypothesis have its loss on blocks left out."""
 
-    def of(likelihood: Likelihood, h: Hypothesis) -> SimpleNamespace:
-        return SimpleNamespace(left_out_losses=lambda: np.full(BLOCKS, h.loss / BLOCKS))
+    def of(likelihood: Likelihood, h: Hypothesis) -> LeftOutScores:
+        return LeftOutScores(np.full(BLOCKS, h.loss / BLOCKS), 0.0)
 
-    monkeypatch.setattr(left_out_support, "BlockScores", SimpleNamespace(of=of))
+    monkeypatch.setattr(left_out_support, "LeftOutScores", SimpleNamespace(of=of))
 
 
 def test_a_formula_must_also_outweigh_the_number_of_formulas(
