@@ -4,14 +4,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from adk_ros.mismatch.inference.block_scores import effect_deviations
-from adk_ros.mismatch.inference.confidence import UNLISTED, Evidence, formula_log_prior
-from adk_ros.mismatch.inference.effect_intervals import confidence_intervals
 from adk_ros.mismatch.inference.feature_effect import FeatureEffect
 from adk_ros.mismatch.inference.fit_budget import FINAL, REPLACEMENT
 from adk_ros.mismatch.inference.formula_choice import (
@@ -22,10 +18,10 @@ from adk_ros.mismatch.inference.formula_choice import (
 from adk_ros.mismatch.inference.hypothesis import ActiveEffect, Hypothesis
 from adk_ros.mismatch.inference.identifiability import (
     Identifiability,
-    LeftOutScores,
     assess_identifiability,
     canonical_effect,
 )
+from adk_ros.mismatch.inference.identified_effects import identified_effects
 from adk_ros.mismatch.inference.left_out_support import least_supported
 from adk_ros.mismatch.inference.likelihood import Likelihood
 from adk_ros.mismatch.inference.result import (
@@ -38,7 +34,7 @@ from adk_ros.mismatch.inference.result import (
 from adk_ros.mismatch.inference.selection_path import SelectionPath
 from adk_ros.mismatch.inference.significance import significant_effects
 from adk_ros.mismatch.inference.unmodelled import UnmodelledDynamics
-from adk_ros.mismatch.library.criteria import INDISTINGUISHABLE_LOSS_SHARE, REPLACEMENT_LOSS
+from adk_ros.mismatch.library.criteria import REPLACEMENT_LOSS
 from adk_ros.mismatch.library.search_limits import MAX_REPLACEMENTS
 from adk_ros.mismatch.library.sensitivity import decided
 from adk_ros.numerics.constants import GRAVITY
@@ -119,7 +115,7 @@ def _decided(
         return Decision(UNKNOWN, [], unmodelled.unexplained(), final, unmodelled), dropped
     if formula is not None and len(starts) > 1:
         formula = _refitted(likelihood, formula, final)
-    effects = _identified_effects(likelihood, path, formula, final, identifiability)
+    effects = identified_effects(likelihood, path, formula, final, identifiability)
     if unmodelled is None:
         return Decision(EXPLAINED, effects, None, final, None, formula=formula), dropped
     decision = Decision(
@@ -139,70 +135,13 @@ def reassessed(
 ) -> Decision:
     """Return a decision with the effects of another final fit, and what may be in their place."""
     final, identifiability = _resolve_competitors(likelihood, h, path.examined)
-    effects = _identified_effects(likelihood, path, decision.formula, final, identifiability)
+    effects = identified_effects(likelihood, path, decision.formula, final, identifiability)
     return replace(decision, effects=effects, hypothesis=final)
-
-
-def _identified_effects(
-    likelihood: Likelihood,
-    path: SelectionPath,
-    formula: UnmodelledDynamics | None,
-    h: Hypothesis,
-    identifiability: Mapping[int, Identifiability],
-) -> list[IdentifiedEffect]:
-    """Return the effects of a final fit that have an identifiability, with their evidence."""
-    deviations = effect_deviations(likelihood, h)
-    evidence_of = _evidence(likelihood, formula, h, path.levels[0][0].loss - h.loss)
-    return [
-        _identified(likelihood, active, deviations[i], identifiability[i], evidence_of)
-        for i, active in enumerate(h.effects)
-        if i in identifiability
-    ]
 
 
 def _count(h: Hypothesis) -> int:
     """Return the number of effects of the catalogue."""
     return sum(not isinstance(active.effect, FeatureEffect) for active in h.effects)
-
-
-def _evidence(
-    likelihood: Likelihood, formula: UnmodelledDynamics | None, h: Hypothesis, gain: float
-) -> Callable[[Identifiability], Evidence]:
-    """
-    Return what makes the evidence of an effect; `formula` describes the data without any.
-
-    The effects of `h` save `gain` together. A formula with more coefficients than they have
-    contains them, and what is not exact in their equations: that alone is no evidence for it.
-    """
-    alternatives = []
-    log_prior = inexact = 0.0
-    surrogate_error = likelihood.surrogate_error_dof()
-    if formula is not None and formula.terms:
-        log_prior = formula_log_prior(len(formula.terms))
-        if _contains(formula, h):
-            inexact = INDISTINGUISHABLE_LOSS_SHARE * max(gain, 0.0)
-        alternatives.append((UNLISTED, LeftOutScores.of(likelihood, formula.hypothesis)))
-
-    def of_effect(identifiability: Identifiability) -> Evidence:
-        every = [*identifiability.alternatives_to, *alternatives]
-        own = identifiability.scores
-        return Evidence(
-            tuple(name for name, _ in every),
-            np.array([scores.losses - own.losses for _, scores in every]),
-            np.append(np.zeros(len(every) - 1), log_prior),
-            surrogate_error,
-            np.array([scores.prior_cost - own.prior_cost for _, scores in every])
-            + np.append(np.zeros(len(every) - 1), inexact),
-        )
-
-    return of_effect
-
-
-def _contains(formula: UnmodelledDynamics, h: Hypothesis) -> bool:
-    """Whether a formula has more coefficients than the effects of `h`, all of the catalogue."""
-    if any(isinstance(active.effect, FeatureEffect) for active in h.effects):
-        return False
-    return len(formula.terms) > sum(len(active.theta) for active in h.effects)
 
 
 def _fit_final(
@@ -292,26 +231,3 @@ def _canonicalised(likelihood: Likelihood, h: Hypothesis) -> Hypothesis:
             effects[i] = ActiveEffect(effect, theta, active.activation)
             changed = True
     return _fit_final(likelihood, effects, h) if changed else h
-
-
-def _identified(
-    likelihood: Likelihood,
-    active: ActiveEffect,
-    deviation: Sequence[float],
-    identifiability: Identifiability,
-    evidence_of: Callable[[Identifiability], Evidence],
-) -> IdentifiedEffect:
-    activation = active.activation
-    return IdentifiedEffect(
-        active.effect,
-        confidence_intervals(active, deviation, likelihood.surrogate_variance_share()),
-        np.nan,
-        identifiability.alternatives,
-        activation.kind,
-        activation.intervals(likelihood.problem),
-        identifiability.gain,
-        identifiability.competitors,
-        activation.segments,
-        activation.onset_s,
-        evidence=evidence_of(identifiability),
-    )

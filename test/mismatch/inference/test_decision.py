@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from adk_ros.mismatch.inference import decision, formula_choice
+from adk_ros.mismatch.inference import decision, formula_choice, identified_effects
 from adk_ros.mismatch.inference.effect_intervals import confidence_interval
 from adk_ros.mismatch.inference.feature_effect import (
     FeatureEffect,
@@ -244,7 +244,8 @@ def test_a_formula_must_be_better_by_more_than_an_inexact_equation_leaves(
 
     def margin(formula: UnmodelledDynamics, h: Hypothesis, gain: float) -> float:
         likelihood: Any = NoSurrogateError()
-        return decision._evidence(likelihood, formula, h, gain)(found).margins()["unlisted"]
+        evidence = identified_effects._evidence(likelihood, formula, h, gain)(found)
+        return evidence.margins()["unlisted"]
 
     drag = effects(21_930.0, "brake_drag_one_side")
     assert margin(two, drag, 0.0) == pytest.approx(-48.0)
