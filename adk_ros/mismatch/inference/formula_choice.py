@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from adk_ros.mismatch.inference.fit_budget import FEATURE_REFIT
 from adk_ros.mismatch.inference.hypothesis import Hypothesis
 from adk_ros.mismatch.inference.left_out_support import is_formula_supported
 from adk_ros.mismatch.inference.likelihood import Likelihood
@@ -155,14 +156,33 @@ def _is_immaterial(formula: UnmodelledDynamics, path: SelectionPath) -> bool:
 def supported_formula(
     likelihood: Likelihood, start: Hypothesis, path: SelectionPath, parametric: bool
 ) -> UnmodelledDynamics:
-    """Return the formula for what `start` leaves; without terms if left-out blocks refute it."""
+    """
+    Return the formula for what `start` leaves, of the terms that left-out blocks support.
+
+    Where they do not support all of them together, the one that gains least is dropped.
+    """
     found = fit_feature_expansion(
         likelihood, start, path.expected_loss, path.null_excess_loss, parametric
     )
-    terms = len(found.terms)
-    if not terms or is_formula_supported(likelihood, start, found.hypothesis, terms):
-        return found
-    return replace(found, terms=(), hypothesis=start)
+    while found.terms and not is_formula_supported(
+        likelihood, start, found.hypothesis, len(found.terms)
+    ):
+        found = _without_least(likelihood, start, found)
+    return found
+
+
+def _without_least(
+    likelihood: Likelihood, start: Hypothesis, formula: UnmodelledDynamics
+) -> UnmodelledDynamics:
+    """Return a formula, of what `start` leaves, fitted without the term that gains least."""
+    if len(formula.terms) < 2:
+        return replace(formula, terms=(), hypothesis=start)
+    h = formula.hypothesis
+    first = len(start.effects)
+    least = min(range(len(formula.terms)), key=lambda i: formula.terms[i].gain)
+    effects = [active for i, active in enumerate(h.effects) if i != first + least]
+    kept = replace(formula, terms=tuple(x for i, x in enumerate(formula.terms) if i != least))
+    return kept.refitted(likelihood.fit(effects, nuisances=h.nuisances, budget=FEATURE_REFIT))
 
 
 def _is_at_bound(h: Hypothesis) -> bool:

@@ -9,7 +9,7 @@ at least
 
 - `MIN_GAIN`, the first one `MIN_FIRST_GAIN`,
 - `MIN_GAIN_PER_EXCESS` of the excess loss before it, above what chance causes,
-- `MIN_GAIN_PER_NULL_EXCESS` of the excess loss before any effect: of all channels, or of the
+- `MIN_GAIN_PER_NULL_EXCESS` of the excess loss before any effect, both of all channels, or of the
   longitudinal or the lateral ones where no effect before it acts in that direction,
 - `MIN_GAIN_PER_SURROGATE_ERROR` of the surrogate error, the first one
   `MIN_FIRST_GAIN_PER_SURROGATE_ERROR`, and a further one
@@ -60,6 +60,8 @@ class SelectionPath:
     profiles: list[SpatialProfile] = field(default_factory=list)
     expected_loss: float = 0.0
     """Loss of a perfect model."""
+    expected_by_direction: FloatArray | None = None
+    """The same (2,) of the longitudinal and of the lateral channels."""
     noise_loss_variance: float = 0.0
     """Variance that the error of the estimated noise adds to it."""
     null_excess_loss: float = 0.0
@@ -157,7 +159,7 @@ def min_required_gain(before: Hypothesis, path: SelectionPath) -> float:
     Effects whose loss is within the expected one leave nothing to explain: what a further effect
     gains there is rather the surrogate's error.
     """
-    required = _required_gain(before, path, path.null_excess_loss)
+    required = _required_gain(before, path)
     return required(*_constants(before, path).values())
 
 
@@ -172,26 +174,24 @@ def _gains(
     that of a payload does.
     """
     gain = penalised_loss(before) - penalised_loss(h)
-    out = [(gain, _required_gain(before, path, path.null_excess_loss))]
-    null, start, after = (
-        path.null_excess_by_direction,
-        before.losses_by_direction,
-        h.losses_by_direction,
-    )
-    if null is not None and start is not None and after is not None:
+    out = [(gain, _required_gain(before, path))]
+    start, after = before.losses_by_direction, h.losses_by_direction
+    if start is not None and after is not None:
         penalty = (penalised_loss(h) - h.loss) - (penalised_loss(before) - before.loss)
-        for i in _free_directions(before):
+        for i in _free_directions(before, path):
             less = min(gain, float(start[i] - after[i]) - penalty)
-            out.append((less, _required_gain(before, path, float(null[i]))))
+            out.append((less, _required_gain(before, path, i)))
     return out
 
 
-def _free_directions(before: Hypothesis) -> list[int]:
+def _free_directions(before: Hypothesis, path: SelectionPath) -> list[int]:
     """
     Return the directions, 0: longitudinal, 1: lateral, in which no effect of a hypothesis acts.
 
-    Empty without effects, and with one of the sensors.
+    Empty without effects, with one of the sensors, and where losses were not split.
     """
+    if before.losses_by_direction is None or path.null_excess_by_direction is None:
+        return []
     entered = {equation for active in before.effects for equation in active.effect.equations}
     if not entered or not entered <= {"v_x", "v_y", "yaw_rate"}:
         return []
@@ -199,12 +199,25 @@ def _free_directions(before: Hypothesis) -> list[int]:
 
 
 def _required_gain(
-    before: Hypothesis, path: SelectionPath, null_excess: float
+    before: Hypothesis, path: SelectionPath, direction: int | None = None
 ) -> Callable[..., float]:
-    """Return the least gain as a function of the constants that apply (`_constants`)."""
-    # The loss of n Gaussian residuals is a chi-square: mean n, variance 2 n with known noise.
-    chance = QUANTILE_90 * math.sqrt(2.0 * path.expected_loss + path.noise_loss_variance)
-    excess = max(before.loss - path.expected_loss - chance, 0.0)
+    """
+    Return the least gain as a function of the constants that apply (`_constants`).
+
+    In a free direction, or over all channels.
+    """
+    loss, expected, null_excess = before.loss, path.expected_loss, path.null_excess_loss
+    if direction is not None:
+        assert before.losses_by_direction is not None
+        assert path.expected_by_direction is not None
+        assert path.null_excess_by_direction is not None
+        loss = float(before.losses_by_direction[direction])
+        expected = float(path.expected_by_direction[direction])
+        null_excess = float(path.null_excess_by_direction[direction])
+    # The loss of n Gaussian residuals is a chi-square: mean n, variance 2 n with known noise. What
+    # the estimated noise adds is not known by direction: all of it counts.
+    chance = QUANTILE_90 * math.sqrt(2.0 * expected + path.noise_loss_variance)
+    excess = max(loss - expected - chance, 0.0)
 
     def required(least: float, share: float, per_excess: float, per_null: float) -> float:
         return max(
@@ -243,8 +256,6 @@ def _constants(before: Hypothesis, path: SelectionPath) -> dict[str, float]:
 
 def least_required_gain(before: Hypothesis, path: SelectionPath) -> float:
     """Return the gain below which a further effect is accepted in no direction."""
-    null_excess = path.null_excess_loss
-    if path.null_excess_by_direction is not None:
-        free = [float(path.null_excess_by_direction[i]) for i in _free_directions(before)]
-        null_excess = min([null_excess, *free])
-    return _required_gain(before, path, null_excess)(*_constants(before, path).values())
+    constants = _constants(before, path).values()
+    rules = [_required_gain(before, path, i) for i in (None, *_free_directions(before, path))]
+    return min(required(*constants) for required in rules)

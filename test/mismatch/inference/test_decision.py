@@ -282,6 +282,7 @@ def test_what_an_inexact_equation_leaves_is_no_further_effect() -> None:
 def test_an_inexact_longitudinal_equation_hides_no_lateral_effect() -> None:
     """0.7 % of what a torque lag explains is no measure for a crosswind."""
     path = SelectionPath(expected_loss=20_000.0, null_excess_loss=1_000_000.0)
+    path.expected_by_direction = np.array([9000.0, 11_000.0])
     path.null_excess_by_direction = np.array([990_000.0, 10_000.0])
 
     def split(h: Hypothesis, longitudinal: float) -> Hypothesis:
@@ -290,6 +291,10 @@ def test_an_inexact_longitudinal_equation_hides_no_lateral_effect() -> None:
     lag = split(effects(22_000.0, "drive_torque_lag"), 9000.0)
     lateral = split(effects(20_000.0, "drive_torque_lag", "crosswind"), 9000.0)
     assert is_improvement(lateral, lag, path)
+    # Nor is a quarter of what its inexact equation leaves.
+    inexact = split(effects(42_000.0, "drive_torque_lag"), 29_000.0)
+    beside = split(effects(40_000.0, "drive_torque_lag", "crosswind"), 29_000.0)
+    assert is_improvement(beside, inexact, path)
     longitudinal = split(effects(20_000.0, "drive_torque_lag", "aero_drag"), 7000.0)
     assert not is_improvement(longitudinal, lag, path)
     # So the pair with the least loss is not the one that is claimed.

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -12,7 +13,7 @@ from scipy.stats import chi2
 
 from adk_ros.mismatch.inference import formula_choice, left_out_support
 from adk_ros.mismatch.inference.confidence import ABSENT
-from adk_ros.mismatch.inference.feature_effect import feature_as_effect
+from adk_ros.mismatch.inference.feature_effect import feature_as_effect, feature_terms
 from adk_ros.mismatch.inference.hypothesis import ActiveEffect, Hypothesis
 from adk_ros.mismatch.inference.identifiability import Identifiability, LeftOutScores
 from adk_ros.mismatch.inference.left_out_support import is_formula_supported, least_supported
@@ -131,6 +132,31 @@ def test_a_formula_without_support_has_no_terms(
     kept = formula_choice.supported_formula(Known(), start, path, True)
     assert len(kept.terms) == terms
     assert kept.hypothesis is (formula if terms else start)
+
+
+def test_a_weak_term_does_not_take_the_others_with_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The sum of their gains does not pay for both; that of the larger one pays for it."""
+    left_out(monkeypatch)
+    start = replace(fitted(1000.0), effects=())
+    effects = [
+        ActiveEffect(feature_as_effect("yaw_rate", name), (0.1,)) for name in ("speed", "constant")
+    ]
+    terms = tuple(
+        replace(one, gain=gain)
+        for one, gain in zip(feature_terms(effects), (17.0, 2.0), strict=True)
+    )
+    both = replace(start, effects=tuple(effects), loss=981.0)
+    found = UnmodelledDynamics(1.0, terms, both, Body(1800.0, 3000.0, 0.3))
+    monkeypatch.setattr(formula_choice, "fit_feature_expansion", lambda *args: found)
+
+    class Refitted(Known):
+        def fit(self, effects, nuisances, **_):  # type: ignore[override]
+            return Hypothesis(tuple(effects), nuisances, 983.0)
+
+    path = SelectionPath(expected_loss=500.0, null_excess_loss=500.0)
+    kept = formula_choice.supported_formula(Refitted(), start, path, True)
+    assert [(one.feature, one.gain) for one in kept.terms] == [("speed", 17.0)]
+    assert kept.hypothesis.effects == (effects[0],)
 
 
 def test_the_least_gain_of_a_feature_keeps_the_familywise_rate() -> None:
