@@ -15,7 +15,6 @@ from collections.abc import Callable, Sequence
 
 from adk_ros.mismatch.deployment.held_out import Evidence
 from adk_ros.mismatch.inference.decision import Decision, reassessed
-from adk_ros.mismatch.inference.fit_budget import FINAL
 from adk_ros.mismatch.inference.likelihood import Likelihood
 from adk_ros.mismatch.inference.result import NONE
 from adk_ros.mismatch.inference.selection_path import SelectionPath
@@ -41,8 +40,5 @@ def without_places_on_slopes(
         return decision
     without = Decision(NONE, [], None, path.levels[0][0], None)
     if left:
-        h = training.fit(
-            left, nuisances=decision.hypothesis.nuisances, budget=FINAL, fit_activation=True
-        )
-        without = reassessed(decision, training, h, path)
+        without = reassessed(decision, training, path, left, ())
     return without if validated(without).errors.is_explained else decision

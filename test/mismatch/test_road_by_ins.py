@@ -153,7 +153,9 @@ def test_a_place_on_slopes_is_claimed_only_for_an_error_that_is_not_explained(
     monkeypatch.setattr(
         slopes_beyond_simulation,
         "reassessed",
-        lambda decision, _, h, __: replace(decision, hypothesis=h),
+        lambda decision, training, path, left, refuted: replace(
+            decision, hypothesis=Hypothesis(tuple(left), nuisances, 0.0)
+        ),
     )
     effect = EFFECTS["low_friction"]
     place = Activation(None, ((10.0, 90.0),), 400.0)

@@ -15,7 +15,7 @@ import numpy as np
 
 from adk_ros.mismatch.inference.decision import Decision, reassessed
 from adk_ros.mismatch.inference.feature_effect import FeatureEffect
-from adk_ros.mismatch.inference.fit_budget import ABLATION, FINAL
+from adk_ros.mismatch.inference.fit_budget import ABLATION
 from adk_ros.mismatch.inference.hypothesis import ActiveEffect, Hypothesis
 from adk_ros.mismatch.inference.likelihood import Likelihood
 from adk_ros.mismatch.inference.selection_path import SelectionPath
@@ -39,15 +39,16 @@ def confirmed(
     effect is left to the check of the held-out errors. What may be in the place of the effects
     that stay is judged anew: an effect that was dropped may have taken its part.
     """
-    h = decision.hypothesis
     held_out = training.held_out_bins()
-    while len(h.effects) > 1:
-        refuted = _refuted(h, training, whole, held_out)
+    dropped: set[str] = set()
+    while len(effects := decision.hypothesis.effects) > 1:
+        refuted = _refuted(decision.hypothesis, training, whole, held_out)
         if refuted is None:
             break
-        effects = [active for i, active in enumerate(h.effects) if i != refuted]
-        h = training.fit(effects, nuisances=h.nuisances, budget=FINAL, fit_activation=True)
-    return decision if h is decision.hypothesis else reassessed(decision, training, h, path)
+        dropped.add(effects[refuted].effect.name)
+        left = [active for i, active in enumerate(effects) if i != refuted]
+        decision = reassessed(decision, training, path, left, dropped)
+    return decision
 
 
 def is_formula_confirmed(
@@ -58,8 +59,8 @@ def is_formula_confirmed(
 
     For one that is claimed where `null`, without it, leaves no more than noise may: the errors of
     the predictions are explained without it, so `withdrawal.is_refuted` does not apply; they can
-    still contradict it. False with nothing held out, true where chance may gain as much as the
-    formula would (`PENALTY_PER_PARAMETER`).
+    still contradict it. False with nothing held out. Where chance may gain as much as the formula
+    would (`PENALTY_PER_PARAMETER`), a loss of more than that contradicts it.
     """
     held_out = training.held_out_bins()
     if not (whole.weights[:, held_out] > 0.0).any():
@@ -72,7 +73,7 @@ def is_formula_confirmed(
     )
     expected = share * max(earlier, 0.0)
     if expected < PENALTY_PER_PARAMETER:
-        return True
+        return gain > -PENALTY_PER_PARAMETER
     return bool(
         decided(lambda least: gain >= least * expected, MIN_CONFIRMED_SHARE=MIN_CONFIRMED_SHARE)
     )
@@ -91,8 +92,11 @@ def _refuted(
         others = [other for j, other in enumerate(h.effects) if j != i]
         without = training.fit(others, nuisances=h.nuisances, budget=ABLATION)
         later_without, earlier_without = _losses(whole, without, held_out)
-        expected = ratio * max(earlier_without - earlier, 1.0)
-        shares[i] = (later_without - later) / expected
+        expected, gain = ratio * (earlier_without - earlier), later_without - later
+        if expected < PENALTY_PER_PARAMETER and gain > -PENALTY_PER_PARAMETER:
+            # Chance may gain as much as the effect would.
+            continue
+        shares[i] = gain / max(expected, PENALTY_PER_PARAMETER)
     if not shares:
         return None
     worst = min(shares, key=lambda i: shares[i])

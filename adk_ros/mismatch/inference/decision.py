@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 from adk_ros.mismatch.inference.block_scores import effect_deviations
@@ -95,48 +95,58 @@ def _decided(
     if formula is not None and formula.terms and formula is not unmodelled:
         formula = _refitted(likelihood, formula)
         starts.append(formula.hypothesis)
-    final = _fit_final(likelihood, best.effects, *starts)
-    final, identifiability = _resolve_competitors(
-        likelihood, _canonicalised(likelihood, final), path.examined
-    )
-    significant = significant_effects(likelihood, final, path.examined)
-    if len(significant) < len(final.effects):
-        final = _fit_final(likelihood, significant, final)
-        final, identifiability = _resolve_competitors(likelihood, final, path.examined)
-    while (weakest := least_supported(likelihood, identifiability)) is not None:
-        supported = [active for i, active in enumerate(final.effects) if i != weakest]
-        final = _fit_final(likelihood, supported, final)
-        final, identifiability = _resolve_competitors(likelihood, final, path.examined)
-    dropped = _count(final) < selected
-    if not final.effects:
-        if unmodelled is None or unmodelled.terms:
-            return Decision(NONE, [], None, final, None), dropped
-        # Far more than noise, that no effect and no feature reduces.
-        return Decision(UNKNOWN, [], unmodelled.unexplained(), final, unmodelled), dropped
-    if formula is not None and len(starts) > 1:
-        formula = _refitted(likelihood, formula, final)
-    effects = identified_effects(likelihood, path, formula, final, identifiability)
-    if unmodelled is None:
-        return Decision(EXPLAINED, effects, None, final, None, formula=formula), dropped
-    decision = Decision(
-        UNKNOWN,
-        effects,
-        unmodelled.unexplained(),
-        final,
-        unmodelled,
-        formula=formula,
-        excess_is_small=only_formula,
-    )
-    return decision, dropped
+    final = _canonicalised(likelihood, _fit_final(likelihood, best.effects, *starts))
+    decision = _judged(likelihood, path, final, unmodelled, formula)
+    decision = replace(decision, excess_is_small=only_formula and decision.unmodelled is not None)
+    return decision, _count(decision.hypothesis) < selected
 
 
 def reassessed(
-    decision: Decision, likelihood: Likelihood, h: Hypothesis, path: SelectionPath
+    decision: Decision,
+    likelihood: Likelihood,
+    path: SelectionPath,
+    effects: Sequence[ActiveEffect],
+    refuted: Collection[str],
 ) -> Decision:
-    """Return a decision with the effects of another final fit, and what may be in their place."""
-    final, identifiability = _resolve_competitors(likelihood, h, path.examined)
-    effects = identified_effects(likelihood, path, decision.formula, final, identifiability)
-    return replace(decision, effects=effects, hypothesis=final)
+    """
+    Return the decision with these effects of its hypothesis only, as far as they are supported.
+
+    What may be in their place is judged anew, except the effects with the names `refuted`.
+    """
+    final = _fit_final(likelihood, effects, decision.hypothesis)
+    judged = _judged(likelihood, path, final, decision.unmodelled, decision.formula, refuted)
+    return replace(judged, excess_is_small=decision.excess_is_small)
+
+
+def _judged(
+    likelihood: Likelihood,
+    path: SelectionPath,
+    h: Hypothesis,
+    unmodelled: UnmodelledDynamics | None,
+    formula: UnmodelledDynamics | None,
+    refuted: Collection[str] = (),
+) -> Decision:
+    """Return the decision of a final fit, of its effects that are significant and supported."""
+    final, identifiability = _resolve_competitors(likelihood, h, path.examined, refuted)
+    significant = significant_effects(likelihood, final, path.examined)
+    if len(significant) < len(final.effects):
+        final = _fit_final(likelihood, significant, final)
+        final, identifiability = _resolve_competitors(likelihood, final, path.examined, refuted)
+    while (weakest := least_supported(likelihood, identifiability)) is not None:
+        supported = [active for i, active in enumerate(final.effects) if i != weakest]
+        final = _fit_final(likelihood, supported, final)
+        final, identifiability = _resolve_competitors(likelihood, final, path.examined, refuted)
+    if not final.effects:
+        if unmodelled is None or unmodelled.terms:
+            return Decision(NONE, [], None, final, None)
+        # Far more than noise, that no effect and no feature reduces.
+        return Decision(UNKNOWN, [], unmodelled.unexplained(), final, unmodelled)
+    if formula is not None and formula.terms and formula is not unmodelled:
+        formula = _refitted(likelihood, formula, final)
+    effects = identified_effects(likelihood, path, formula, final, identifiability)
+    if unmodelled is None:
+        return Decision(EXPLAINED, effects, None, final, None, formula=formula)
+    return Decision(UNKNOWN, effects, unmodelled.unexplained(), final, unmodelled, formula=formula)
 
 
 def _count(h: Hypothesis) -> int:
@@ -169,13 +179,13 @@ def _refitted(
 
 
 def _resolve_competitors(
-    likelihood: Likelihood, h: Hypothesis, examined: int
+    likelihood: Likelihood, h: Hypothesis, examined: int, refuted: Collection[str] = ()
 ) -> tuple[Hypothesis, dict[int, Identifiability]]:
     """
     Replace effects by competing ones that are clearly better, and no accident of a few blocks.
 
     Return the hypothesis, and the identifiability of its effects by index. `examined` as in
-    `significant_effects`.
+    `significant_effects`; `refuted`: names of effects that take no place.
     """
     identifiability = _identifiability(likelihood, h)
     refused: set[tuple[str, str]] = set()
@@ -185,7 +195,9 @@ def _resolve_competitors(
             (competitor.loss_difference, i, j)
             for i, one in identifiability.items()
             for j, competitor in enumerate(one.competitors)
-            if competitor.fitted.is_material() and (competitor.of, competitor.name) not in refused
+            if competitor.fitted.is_material()
+            and competitor.name not in refuted
+            and (competitor.of, competitor.name) not in refused
         ]
         difference, which, best = min(ranked, default=(0.0, 0, 0))
         if not _replaces(difference):
@@ -202,6 +214,7 @@ def _resolve_competitors(
             identifiability = _identifiability(likelihood, h)
         else:
             refused.add((competitor.of, competitor.name))
+    refused |= {(active.effect.name, name) for active in h.effects for name in refuted}
     return h, {i: one.without_alternatives(refused) for i, one in identifiability.items()}
 
 

@@ -14,6 +14,7 @@ from dataclasses import replace
 
 from adk_ros.mismatch.inference.fit_budget import FEATURE_REFIT
 from adk_ros.mismatch.inference.hypothesis import Hypothesis
+from adk_ros.mismatch.inference.identifiability import LeftOutScores
 from adk_ros.mismatch.inference.left_out_support import is_formula_supported
 from adk_ros.mismatch.inference.likelihood import Likelihood
 from adk_ros.mismatch.inference.selection_path import (
@@ -159,7 +160,8 @@ def supported_formula(
     """
     Return the formula for what `start` leaves, of the terms that left-out blocks support.
 
-    Where they do not support all of them together, the one that gains least is dropped.
+    Where they do not support all of them together, that one is dropped without which the others
+    explain these blocks best.
     """
     found = fit_feature_expansion(
         likelihood, start, path.expected_loss, path.null_excess_loss, parametric
@@ -167,22 +169,24 @@ def supported_formula(
     while found.terms and not is_formula_supported(
         likelihood, start, found.hypothesis, len(found.terms)
     ):
-        found = _without_least(likelihood, start, found)
+        found = _with_a_term_less(likelihood, start, found)
     return found
 
 
-def _without_least(
+def _with_a_term_less(
     likelihood: Likelihood, start: Hypothesis, formula: UnmodelledDynamics
 ) -> UnmodelledDynamics:
-    """Return a formula, of what `start` leaves, fitted without the term that gains least."""
+    """Return a formula for what `start` leaves, without the term that is supported least."""
     if len(formula.terms) < 2:
         return replace(formula, terms=(), hypothesis=start)
-    h = formula.hypothesis
-    first = len(start.effects)
-    least = min(range(len(formula.terms)), key=lambda i: formula.terms[i].gain)
-    effects = [active for i, active in enumerate(h.effects) if i != first + least]
-    kept = replace(formula, terms=tuple(x for i, x in enumerate(formula.terms) if i != least))
-    return kept.refitted(likelihood.fit(effects, nuisances=h.nuisances, budget=FEATURE_REFIT))
+    h, first = formula.hypothesis, len(start.effects)
+    fits = []
+    for dropped in range(len(formula.terms)):
+        effects = [active for i, active in enumerate(h.effects) if i != first + dropped]
+        terms = tuple(term for i, term in enumerate(formula.terms) if i != dropped)
+        fit = likelihood.fit(effects, nuisances=h.nuisances, budget=FEATURE_REFIT)
+        fits.append(replace(formula, terms=terms).refitted(fit))
+    return min(fits, key=lambda fit: LeftOutScores.of(likelihood, fit.hypothesis).total)
 
 
 def _is_at_bound(h: Hypothesis) -> bool:

@@ -11,23 +11,22 @@ further effect is accepted (`inference.selection_path`). Effects of one cause
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
 
 import numpy as np
 
 from adk_ros.mismatch.inference.block_scores import BLOCK_S
-from adk_ros.mismatch.inference.change_points import locate_change_point
+from adk_ros.mismatch.inference.effect_screening import screened_effects
 from adk_ros.mismatch.inference.fit_budget import JOINT, NULL_HYPOTHESIS, SCREENING
 from adk_ros.mismatch.inference.hypothesis import ActiveEffect, Hypothesis
 from adk_ros.mismatch.inference.likelihood import Likelihood
 from adk_ros.mismatch.inference.score_test import Candidate, LinearisedProblem
 from adk_ros.mismatch.inference.segmentation import BINS
 from adk_ros.mismatch.inference.segments import (
-    fit_segments,
     refine_segments,
 )
 from adk_ros.mismatch.inference.selection_path import (
     SelectionPath,
+    free_directions,
     is_improvement,
     least_required_gain,
     penalised_loss,
@@ -36,7 +35,6 @@ from adk_ros.mismatch.inference.significance import significant_effects
 from adk_ros.mismatch.library.catalogue import COMMON_CAUSES
 from adk_ros.mismatch.library.criteria import (
     MIN_FIRST_GAIN,
-    ONSET_MIN_FURTHER_GAIN,
 )
 from adk_ros.mismatch.library.effect import ALWAYS, PLACE, TIME
 from adk_ros.mismatch.library.search_limits import (
@@ -58,7 +56,6 @@ from adk_ros.mismatch.library.search_limits import (
     REFIT_NOISE_SHARE,
     REFIT_NULL_SHARE,
 )
-from adk_ros.mismatch.library.sensitivity import decided
 from adk_ros.mismatch.surrogate.lap import Lap
 from adk_ros.numerics.arrays import FloatArray
 
@@ -104,23 +101,12 @@ def select_effects(
         margin = BEAM_EXCESS_SHARE * excess + BEAM_NOISE_SHARE * path.expected_loss
         limit = penalised_loss(best) + margin
         beam = [h for h in level[:BEAM_WIDTH] if penalised_loss(h) < limit]
+        # What is accepted, for its gain in one direction, need not be among those.
+        beam += [accepted] if all(h is not accepted for h in beam) else []
     if max_effects > 1 and path.best() is null:
         together = refit_competitive(likelihood, path.of_one_cause, path)
         path.levels += [together] if together else []
     return path
-
-
-@dataclass
-class _Screening:
-    """Candidates of one extension: active throughout, from an onset on, in segments."""
-
-    always: list[Candidate] = field(default_factory=list)
-    onset: list[Candidate] = field(default_factory=list)
-    segments: list[Candidate] = field(default_factory=list)
-
-    def best_gain(self) -> float:
-        """Return the largest linearised gain."""
-        return max((x.gain for x in (*self.always, *self.onset, *self.segments)), default=0.0)
 
 
 def _extend(
@@ -130,18 +116,19 @@ def _extend(
     single = not start.effects
     jacobian = likelihood.nuisance_jacobian(start)
     linearised = LinearisedProblem(likelihood, start, jacobian)
-    screening = _screen(linearised, lap, path)
+    screening = screened_effects(linearised, lap, path)
     if single:
         path.of_one_cause = _of_one_cause(linearised, jacobian)
-    best_gain = screening.best_gain()
+    free = free_directions(start, path)
     # A linearised gain may be far off where much is unexplained; otherwise it is nearly exact.
     least = (
         PRUNING_SHARE_SINGLE * MIN_FIRST_GAIN
         if single
         else PRUNING_SHARE * least_required_gain(start, path)
     )
-    share = MIN_SCREENED_GAIN_SINGLE if single else MIN_SCREENED_GAIN
-    least = max(least, share * best_gain)
+
+    def leading(candidates: list[Candidate], share: float, count: int) -> list[ActiveEffect]:
+        return screening.leading(candidates, free, least, share, count)
 
     def fit(active: ActiveEffect, fit_activation: bool) -> Hypothesis:
         return likelihood.fit(
@@ -152,13 +139,14 @@ def _extend(
             fit_activation=fit_activation,
         )
 
-    always = _top_candidates(screening.always, least, MAX_SINGLES_FITTED if single else MAX_REFITS)
+    share = MIN_SCREENED_GAIN_SINGLE if single else MIN_SCREENED_GAIN
+    always = leading(screening.always, share, MAX_SINGLES_FITTED if single else MAX_REFITS)
     out = [fit(active, fit_activation=False) for active in always]
-    onset_least = max(least, MIN_SCREENED_GAIN_ONSET * best_gain)
-    for active in _top_candidates(screening.onset, onset_least, MAX_ONSETS_FITTED):
+    onset_share = max(share, MIN_SCREENED_GAIN_ONSET)
+    for active in leading(screening.onset, onset_share, MAX_ONSETS_FITTED):
         out.append(fit(active, fit_activation=True))
-    segment_least = max(least, MIN_SCREENED_GAIN_SEGMENT * best_gain)
-    for active in _top_candidates(screening.segments, segment_least, MAX_SEGMENTED_FITTED):
+    segment_share = max(share, MIN_SCREENED_GAIN_SEGMENT)
+    for active in leading(screening.segments, segment_share, MAX_SEGMENTED_FITTED):
         extended = Hypothesis((*start.effects, active), start.nuisances, start.loss)
         out.append(refine_segments(likelihood, extended, jacobian))
     return out
@@ -184,42 +172,6 @@ def _of_one_cause(linearised: LinearisedProblem, jacobian: FloatArray) -> list[H
     return out
 
 
-def _screen(linearised: LinearisedProblem, lap: Lap | None, path: SelectionPath) -> _Screening:
-    """Return the candidates for one more effect; adds spatial profiles to `path`."""
-    start = linearised.hypothesis
-    single = not start.effects
-    excluded = {*start.names, *linearised.likelihood.unobservable}
-    out = _Screening()
-    for effect in linearised.likelihood.effects.values():
-        if effect.name in excluded:
-            continue
-        if ALWAYS in effect.activations:
-            screened = linearised.screen_effect(effect)
-            out.always += screened if single else screened[:1]
-            onset = (
-                locate_change_point(linearised, screened[0].active)
-                if TIME in effect.activations
-                else None
-            )
-            if onset is not None and _acts_from_onset(onset.gain, screened[0].gain):
-                out.onset.append(onset)
-        if lap is not None and PLACE in effect.activations:
-            candidate, profile = fit_segments(linearised, effect, lap)
-            path.profiles.append(profile)
-            out.segments += [candidate] if candidate is not None else []
-    return out
-
-
-def _acts_from_onset(gain: float, gain_throughout: float) -> bool:
-    """Whether an effect from an onset on gains far more than throughout."""
-    return bool(
-        decided(
-            lambda further: gain > (1.0 + further) * gain_throughout,
-            ONSET_MIN_FURTHER_GAIN=ONSET_MIN_FURTHER_GAIN,
-        )
-    )
-
-
 def examined_count(likelihood: Likelihood, lap: Lap | None) -> int:
     """
     Return the number of effects, onsets and places that one extension examines.
@@ -236,12 +188,6 @@ def examined_count(likelihood: Likelihood, lap: Lap | None) -> int:
     return always + timed * onsets + placed * bins
 
 
-def _top_candidates(candidates: list[Candidate], least: float, count: int) -> list[ActiveEffect]:
-    """Return at most `count` candidates with the largest gains above `least`."""
-    enough = [x for x in candidates if x.gain > least]
-    return [x.active for x in sorted(enough, key=lambda x: -x.gain)[:count]]
-
-
 def refit_competitive(
     likelihood: Likelihood, level: list[Hypothesis], path: SelectionPath
 ) -> list[Hypothesis]:
@@ -256,7 +202,12 @@ def refit_competitive(
     best_excess = max(distinct[0].loss - expected_loss, 0.0) if distinct else 0.0
     # A joint fit may change the order of those that a screening fit leaves close together, but
     # hardly makes an immaterial effect material: a delay of a millisecond may gain the most.
-    screened = sorted(distinct, key=lambda h: not _is_material(h))[:MAX_REFITS]
+    screened = sorted(distinct, key=lambda h: not _is_material(h))
+    chosen, screened, others = path.best(), screened[:MAX_REFITS], screened[MAX_REFITS:]
+    if free_directions(chosen, path):
+        # One that is accepted for its gain in such a direction may be behind those of the others.
+        further = path.first_accepted(others, chosen)
+        screened += [further] if further is not None else []
     limit = REFIT_EXCESS_RATIO * best_excess + REFIT_NOISE_SHARE * expected_loss
     limit += REFIT_NULL_SHARE * path.null_excess_loss
     fitted = [

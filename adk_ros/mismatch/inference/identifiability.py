@@ -75,6 +75,11 @@ class LeftOutScores(NamedTuple):
         """Return the scores of a fitted hypothesis."""
         return cls(BlockScores.of(likelihood, h).left_out_losses(), h.prior_cost)
 
+    @property
+    def total(self) -> float:
+        """Loss on all blocks, each left out, with the prior's cost."""
+        return float(self.losses.sum()) + self.prior_cost
+
 
 @dataclass(frozen=True)
 class Identifiability:

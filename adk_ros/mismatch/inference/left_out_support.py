@@ -37,7 +37,7 @@ def least_supported(
     None where they support each of them.
     """
     gains = {
-        i: _gain(dict(one.alternatives_to)[ABSENT], one.scores)
+        i: dict(one.alternatives_to)[ABSENT].total - one.scores.total
         for i, one in identifiability.items()
     }
     if not gains:
@@ -51,13 +51,10 @@ def is_formula_supported(
     likelihood: Likelihood, without: Hypothesis, formula: Hypothesis, terms: int
 ) -> bool:
     """Whether left-out blocks support a formula of so many terms against its absence."""
-    gain = _gain(*(LeftOutScores.of(likelihood, h) for h in (without, formula)))
-    return _is_supported(gain, formula_log_prior(terms), likelihood.surrogate_error_dof())
-
-
-def _gain(without: LeftOutScores, own: LeftOutScores) -> float:
-    """Return by how much what is left out is worse without an effect or a formula."""
-    return float((without.losses - own.losses).sum()) + without.prior_cost - own.prior_cost
+    losses = [LeftOutScores.of(likelihood, h).total for h in (without, formula)]
+    return _is_supported(
+        losses[0] - losses[1], formula_log_prior(terms), likelihood.surrogate_error_dof()
+    )
 
 
 def _is_supported(gain: float, log_prior: float, surrogate_error: float) -> bool:

@@ -32,6 +32,7 @@ from adk_ros.mismatch.inference.score_test import LinearisedProblem
 from adk_ros.mismatch.inference.segments import fit_segments, refine_segments
 from adk_ros.mismatch.inference.selection_path import (
     SelectionPath,
+    gain_and_required,
     min_required_gain,
     penalised_loss,
 )
@@ -173,8 +174,7 @@ def _fit(h: Hypothesis, before: Hypothesis, about: Questioned) -> AskedFit:
         active.activation.kind,
         active.activation.segments,
         active.activation.onset_s,
-        removed - penalty,
-        min_required_gain(before, path),
+        *gain_and_required(h, before, path),
         min(max(removed / max(path.null_excess_loss, removed, 1e-9), 0.0), 1.0),
         active.is_material(),
         any(not intervals[p.name].low <= p.neutral <= intervals[p.name].high for p in moved),

@@ -21,7 +21,7 @@ at least
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from adk_ros.mismatch.inference.hypothesis import Hypothesis
@@ -38,6 +38,7 @@ from adk_ros.mismatch.library.criteria import (
     PENALTY_PER_LOCATION,
     PENALTY_PER_PARAMETER,
 )
+from adk_ros.mismatch.library.effect import Effect
 from adk_ros.mismatch.library.sensitivity import decided
 from adk_ros.numerics.arrays import FloatArray
 from adk_ros.numerics.constants import QUANTILE_90
@@ -116,15 +117,7 @@ def selection_steps(path: SelectionPath) -> list[SelectionStep]:
     for level in path.levels[1:]:
         accepted = path.first_accepted(level, before)
         best = accepted or level[0]
-        constants, more = _constants(before, path), _more_effects(best, before)
-        gain, required = max(
-            (
-                (gain, more * rule(*constants.values()))
-                for gain, rule in _gains(best, before, path)
-            ),
-            key=lambda pair: pair[0] / pair[1],
-        )
-        steps.append(SelectionStep(best.names, best.loss, gain, required))
+        steps.append(SelectionStep(best.names, best.loss, *gain_and_required(best, before, path)))
         before = accepted or before
     return steps
 
@@ -138,13 +131,20 @@ def penalised_loss(h: Hypothesis) -> float:
     return h.loss + penalty
 
 
+def gain_and_required(
+    h: Hypothesis, before: Hypothesis, path: SelectionPath
+) -> tuple[float, float]:
+    """Return the penalised gain of `h` and what is required, as for `is_improvement`."""
+    more = _more_effects(h, before)
+    pairs = [(gain, more * required.least()) for gain, required in _gains(h, before, path)]
+    return max(pairs, key=lambda pair: pair[0] / pair[1])
+
+
 def is_improvement(h: Hypothesis, before: Hypothesis, path: SelectionPath) -> bool:
     """Whether `h` gains enough over `before`, which has fewer effects."""
     more = _more_effects(h, before)
-    gains = _gains(h, before, path)
-    return decided(
-        lambda *values: any(gain > more * required(*values) for gain, required in gains),
-        **_constants(before, path),
+    return any(
+        [required.is_exceeded_by(gain / more) for gain, required in _gains(h, before, path)]
     )
 
 
@@ -159,38 +159,43 @@ def min_required_gain(before: Hypothesis, path: SelectionPath) -> float:
     Effects whose loss is within the expected one leave nothing to explain: what a further effect
     gains there is rather the surrogate's error.
     """
-    required = _required_gain(before, path)
-    return required(*_constants(before, path).values())
+    return _RequiredGain.of(before, path).least()
+
+
+def least_required_gain(before: Hypothesis, path: SelectionPath) -> float:
+    """Return the gain below which a further effect is accepted in no direction."""
+    directions = (None, *free_directions(before, path))
+    return min(_RequiredGain.of(before, path, i).least() for i in directions)
 
 
 def _gains(
     h: Hypothesis, before: Hypothesis, path: SelectionPath
-) -> list[tuple[float, Callable[..., float]]]:
+) -> list[tuple[float, _RequiredGain]]:
     """
-    Return the penalised gain with the rule for what is required: one of both has to be met.
+    Return the penalised gain with what is required: one of both has to be met.
 
     Over all channels; also over the longitudinal or the lateral ones where no effect of `before`
     acts: an inexact equation of a drive torque leaves nothing that a crosswind would fit, while
     that of a payload does.
     """
     gain = penalised_loss(before) - penalised_loss(h)
-    out = [(gain, _required_gain(before, path))]
+    out = [(gain, _RequiredGain.of(before, path))]
     start, after = before.losses_by_direction, h.losses_by_direction
     if start is not None and after is not None:
         penalty = (penalised_loss(h) - h.loss) - (penalised_loss(before) - before.loss)
-        for i in _free_directions(before, path):
+        for i in free_directions(before, path):
             less = min(gain, float(start[i] - after[i]) - penalty)
-            out.append((less, _required_gain(before, path, i)))
+            out.append((less, _RequiredGain.of(before, path, i)))
     return out
 
 
-def _free_directions(before: Hypothesis, path: SelectionPath) -> list[int]:
+def free_directions(before: Hypothesis, path: SelectionPath) -> list[int]:
     """
     Return the directions, 0: longitudinal, 1: lateral, in which no effect of a hypothesis acts.
 
     Empty without effects, with one of the sensors, and where losses were not split.
     """
-    if before.losses_by_direction is None or path.null_excess_by_direction is None:
+    if before.losses_by_direction is None or path.expected_by_direction is None:
         return []
     entered = {equation for active in before.effects for equation in active.effect.equations}
     if not entered or not entered <= {"v_x", "v_y", "yaw_rate"}:
@@ -198,64 +203,83 @@ def _free_directions(before: Hypothesis, path: SelectionPath) -> list[int]:
     return [i for i, known in enumerate(_EQUATIONS) if not known & entered]
 
 
-def _required_gain(
-    before: Hypothesis, path: SelectionPath, direction: int | None = None
-) -> Callable[..., float]:
-    """
-    Return the least gain as a function of the constants that apply (`_constants`).
+def only_direction(effect: Effect) -> int | None:
+    """Return the direction in which alone an effect acts, None for more than one and sensors."""
+    entered = set(effect.equations)
+    alone = [i for i, known in enumerate(_EQUATIONS) if entered and entered <= known]
+    return alone[0] if alone else None
 
-    In a free direction, or over all channels.
-    """
-    loss, expected, null_excess = before.loss, path.expected_loss, path.null_excess_loss
-    if direction is not None:
-        assert before.losses_by_direction is not None
-        assert path.expected_by_direction is not None
-        assert path.null_excess_by_direction is not None
-        loss = float(before.losses_by_direction[direction])
-        expected = float(path.expected_by_direction[direction])
-        null_excess = float(path.null_excess_by_direction[direction])
-    # The loss of n Gaussian residuals is a chi-square: mean n, variance 2 n with known noise. What
-    # the estimated noise adds is not known by direction: all of it counts.
-    chance = QUANTILE_90 * math.sqrt(2.0 * expected + path.noise_loss_variance)
-    excess = max(loss - expected - chance, 0.0)
 
-    def required(least: float, share: float, per_excess: float, per_null: float) -> float:
-        return max(
-            least,
-            share * path.surrogate_error_dof,
-            per_excess * excess,
-            per_null * null_excess,
+@dataclass(frozen=True)
+class _RequiredGain:
+    """
+    What a further effect must gain: over all channels, or in a free direction.
+
+    `excess` and `null_excess` losses there, before it and before any effect; `surrogate_error`
+    loss. `constants`: those that apply, by name.
+    """
+
+    excess: float
+    null_excess: float
+    surrogate_error: float
+    constants: dict[str, float]
+
+    @classmethod
+    def of(
+        cls, before: Hypothesis, path: SelectionPath, direction: int | None = None
+    ) -> _RequiredGain:
+        """Return what is required next to the effects of `before`."""
+        loss, expected, null_excess = before.loss, path.expected_loss, path.null_excess_loss
+        if direction is not None:
+            assert before.losses_by_direction is not None
+            assert path.expected_by_direction is not None
+            assert path.null_excess_by_direction is not None
+            loss = float(before.losses_by_direction[direction])
+            expected = float(path.expected_by_direction[direction])
+            null_excess = float(path.null_excess_by_direction[direction])
+        # The loss of n Gaussian residuals is a chi-square: mean n, variance 2 n with known noise.
+        # What the estimated noise adds is not known by direction: all of it counts.
+        chance = QUANTILE_90 * math.sqrt(2.0 * expected + path.noise_loss_variance)
+        constants = _constants(not before.effects, loss <= expected)
+        return cls(
+            max(loss - expected - chance, 0.0), null_excess, path.surrogate_error_dof, constants
         )
 
-    return required
+    def least(self) -> float:
+        """Return the least gain."""
+        return self._least(*self.constants.values())
+
+    def is_exceeded_by(self, gain: float) -> bool:
+        """Whether a gain suffices."""
+        return bool(decided(lambda *values: gain > self._least(*values), **self.constants))
+
+    def _least(self, least: float, share: float, per_excess: float, per_null: float) -> float:
+        return max(
+            least,
+            share * self.surrogate_error,
+            per_excess * self.excess,
+            per_null * self.null_excess,
+        )
 
 
-def _constants(before: Hypothesis, path: SelectionPath) -> dict[str, float]:
-    """Return the constants that apply to a further effect, by name."""
-    first: dict[str, float]
-    if not before.effects:
-        first = {
+def _constants(is_first: bool, is_explained: bool) -> dict[str, float]:
+    """Return the constants that apply to a further effect, by name, in the order of use."""
+    if is_first:
+        constants = {
             "MIN_FIRST_GAIN": MIN_FIRST_GAIN,
             "MIN_FIRST_GAIN_PER_SURROGATE_ERROR": MIN_FIRST_GAIN_PER_SURROGATE_ERROR,
         }
-    elif before.loss <= path.expected_loss:
-        first = {
+    elif is_explained:
+        constants = {
             "MIN_GAIN": MIN_GAIN,
             "MIN_FURTHER_GAIN_PER_SURROGATE_ERROR": MIN_FURTHER_GAIN_PER_SURROGATE_ERROR,
         }
     else:
-        first = {
+        constants = {
             "MIN_GAIN": MIN_GAIN,
             "MIN_GAIN_PER_SURROGATE_ERROR": MIN_GAIN_PER_SURROGATE_ERROR,
         }
-    return first | {
+    return constants | {
         "MIN_GAIN_PER_EXCESS": MIN_GAIN_PER_EXCESS,
         "MIN_GAIN_PER_NULL_EXCESS": MIN_GAIN_PER_NULL_EXCESS,
     }
-
-
-def least_required_gain(before: Hypothesis, path: SelectionPath) -> float:
-    """Return the gain below which a further effect is accepted in no direction."""
-    constants = _constants(before, path).values()
-    rules = [_required_gain(before, path, i) for i in (None, *_free_directions(before, path))]
-    return min(required(*constants) for required in rules)

@@ -295,6 +295,16 @@ def test_an_inexact_longitudinal_equation_hides_no_lateral_effect() -> None:
     inexact = split(effects(42_000.0, "drive_torque_lag"), 29_000.0)
     beside = split(effects(40_000.0, "drive_torque_lag", "crosswind"), 29_000.0)
     assert is_improvement(beside, inexact, path)
+    # Where nothing is left to explain to the side, what the torque leaves asks for no less.
+    path.surrogate_error_dof = 1000.0
+    explained, inexact = split(lag, 11_000.0), split(effects(32_000.0, lag.names[0]), 21_000.0)
+    little = [
+        split(effects(h.loss - 400.0, *h.names, "crosswind"), x)
+        for h, x in ((explained, 11_000.0), (inexact, 21_000.0))
+    ]
+    assert not is_improvement(little[0], explained, path)
+    assert not is_improvement(little[1], inexact, path)
+    path.surrogate_error_dof = 0.0
     longitudinal = split(effects(20_000.0, "drive_torque_lag", "aero_drag"), 7000.0)
     assert not is_improvement(longitudinal, lag, path)
     # So the pair with the least loss is not the one that is claimed.
@@ -353,6 +363,11 @@ def test_competing_effects_are_those_of_the_effect_that_is_named(
     assert named == chain[min(exchanges, 3)]
     assert found[0].competitors[0].of == named
     assert named not in found[0].alternatives
+    # What held-out data refuted takes no place, and is no alternative.
+    refuted = chain[1:2] if exchanges else ["payload"]
+    h, found = decision._resolve_competitors(Fitted(), effects(100.0, chain[0]), 1000, refuted)
+    assert h.effects[0].effect.name == chain[0]
+    assert found[0].alternatives == []
     # What chance may have made takes no place.
     monkeypatch.setattr(decision, "significant_effects", lambda _, h, examined: [])
     h, found = decision._resolve_competitors(Fitted(), effects(100.0, chain[0]), 1000)

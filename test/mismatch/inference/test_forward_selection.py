@@ -11,12 +11,13 @@ import numpy as np
 import pytest
 
 from adk_ros.mismatch.inference import forward_selection
+from adk_ros.mismatch.inference.effect_screening import EffectScreening
 from adk_ros.mismatch.inference.formula_choice import best_within_bounds
 from adk_ros.mismatch.inference.forward_selection import _of_one_cause, refit_competitive
 from adk_ros.mismatch.inference.hypothesis import ActiveEffect, Hypothesis
 from adk_ros.mismatch.inference.identifiability import act_apart
 from adk_ros.mismatch.inference.likelihood import Likelihood
-from adk_ros.mismatch.inference.score_test import LinearisedProblem
+from adk_ros.mismatch.inference.score_test import Candidate, LinearisedProblem
 from adk_ros.mismatch.inference.selection_path import (
     SelectionPath,
     is_improvement,
@@ -198,3 +199,23 @@ def test_only_effects_of_one_direction_compete(one: str, other: str, apart: bool
     effects: list[Effect] = [EFFECTS[one], EFFECTS[other]]
     assert act_apart(*effects) is apart
     assert act_apart(*reversed(effects)) is apart
+
+
+def test_what_acts_in_another_direction_is_compared_there() -> None:
+    """A crosswind gains a fortieth of the drag, and more than it must beside a torque lag."""
+
+    def candidate(name: str, gain: float) -> Candidate:
+        return Candidate(single(name, 0.0).effects[0], gain)
+
+    drag, wind, payload = (
+        candidate(name, gain)
+        for name, gain in (("aero_drag", 20_000.0), ("crosswind", 500.0), ("payload", 510.0))
+    )
+    screening = EffectScreening(always=[drag, wind, payload])
+    arguments = (30.0, 0.3, 6)
+    assert screening.leading(screening.always, [1], *arguments) == [drag.active, wind.active]
+    # With no direction free, all are compared with the best.
+    assert screening.leading(screening.always, [], *arguments) == [drag.active]
+    weak = candidate("rear_wheel_steer", 100.0)
+    screening.always.append(weak)
+    assert weak.active not in screening.leading(screening.always, [1], *arguments)
