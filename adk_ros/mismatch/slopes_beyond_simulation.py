@@ -40,5 +40,5 @@ def without_places_on_slopes(
         return decision
     without = Decision(NONE, [], None, path.levels[0][0], None)
     if left:
-        without = reassessed(decision, training, path, left, ())
+        without = reassessed(decision, training, path, left)
     return without if validated(without).errors.is_explained else decision

@@ -17,6 +17,7 @@ from adk_ros.mismatch.inference.decision import Decision, reassessed
 from adk_ros.mismatch.inference.feature_effect import FeatureEffect
 from adk_ros.mismatch.inference.fit_budget import ABLATION
 from adk_ros.mismatch.inference.hypothesis import ActiveEffect, Hypothesis
+from adk_ros.mismatch.inference.identifiability import STRUCTURALLY_EQUIVALENT
 from adk_ros.mismatch.inference.likelihood import Likelihood
 from adk_ros.mismatch.inference.selection_path import SelectionPath
 from adk_ros.mismatch.library.criteria import (
@@ -40,14 +41,14 @@ def confirmed(
     that stay is judged anew: an effect that was dropped may have taken its part.
     """
     held_out = training.held_out_bins()
-    dropped: set[str] = set()
     while len(effects := decision.hypothesis.effects) > 1:
         refuted = _refuted(decision.hypothesis, training, whole, held_out)
         if refuted is None:
             break
-        dropped.add(effects[refuted].effect.name)
+        name = effects[refuted].effect.name
         left = [active for i, active in enumerate(effects) if i != refuted]
-        decision = reassessed(decision, training, path, left, dropped)
+        equivalent = STRUCTURALLY_EQUIVALENT.get(name, ())
+        decision = reassessed(decision, training, path, left, (name, *equivalent))
     return decision
 
 

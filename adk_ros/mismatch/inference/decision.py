@@ -48,7 +48,7 @@ class Decision:
     `set_aside`: names of effects of the hypothesis that are less probable than not; `formula`: the
     one that describes the data without any effect, as far as it was sought. `excess_is_small`:
     all channels together leave no more than noise may; what is claimed is a formula, without which
-    nothing is missing.
+    nothing is missing. `refuted`: names of effects that held-out data refuted.
     """
 
     verdict: str
@@ -59,6 +59,7 @@ class Decision:
     set_aside: tuple[str, ...] = ()
     formula: UnmodelledDynamics | None = None
     excess_is_small: bool = False
+    refuted: tuple[str, ...] = ()
 
 
 def decide(likelihood: Likelihood, path: SelectionPath) -> Decision:
@@ -106,16 +107,23 @@ def reassessed(
     likelihood: Likelihood,
     path: SelectionPath,
     effects: Sequence[ActiveEffect],
-    refuted: Collection[str],
+    refuted: Sequence[str] = (),
 ) -> Decision:
     """
     Return the decision with these effects of its hypothesis only, as far as they are supported.
 
-    What may be in their place is judged anew, except the effects with the names `refuted`.
+    What may be in their place is judged anew, except effects that have been refuted, with the
+    names `refuted` or before. Where none of the catalogue is left, the formula that describes the
+    data without any is the answer, if there is one: a formula that was added to the effects
+    described what they leave.
     """
+    refuted = (*decision.refuted, *refuted)
+    formula = decision.formula
     final = _fit_final(likelihood, effects, decision.hypothesis)
-    judged = _judged(likelihood, path, final, decision.unmodelled, decision.formula, refuted)
-    return replace(judged, excess_is_small=decision.excess_is_small)
+    judged = _judged(likelihood, path, final, decision.unmodelled, formula, refuted)
+    if formula is not None and formula.terms and not _count(judged.hypothesis):
+        judged = Decision(UNKNOWN, [], formula.unexplained(), formula.hypothesis, formula)
+    return replace(judged, excess_is_small=decision.excess_is_small, refuted=refuted)
 
 
 def _judged(
@@ -128,13 +136,14 @@ def _judged(
 ) -> Decision:
     """Return the decision of a final fit, of its effects that are significant and supported."""
     final, identifiability = _resolve_competitors(likelihood, h, path.examined, refuted)
-    significant = significant_effects(likelihood, final, path.examined)
-    if len(significant) < len(final.effects):
-        final = _fit_final(likelihood, significant, final)
-        final, identifiability = _resolve_competitors(likelihood, final, path.examined, refuted)
-    while (weakest := least_supported(likelihood, identifiability)) is not None:
-        supported = [active for i, active in enumerate(final.effects) if i != weakest]
-        final = _fit_final(likelihood, supported, final)
+    while True:
+        kept = significant_effects(likelihood, final, path.examined)
+        if len(kept) == len(final.effects):
+            weakest = least_supported(likelihood, identifiability)
+            kept = [active for i, active in enumerate(final.effects) if i != weakest]
+        if len(kept) == len(final.effects):
+            break
+        final = _fit_final(likelihood, kept, final)
         final, identifiability = _resolve_competitors(likelihood, final, path.examined, refuted)
     if not final.effects:
         if unmodelled is None or unmodelled.terms:
@@ -185,7 +194,7 @@ def _resolve_competitors(
     Replace effects by competing ones that are clearly better, and no accident of a few blocks.
 
     Return the hypothesis, and the identifiability of its effects by index. `examined` as in
-    `significant_effects`; `refuted`: names of effects that take no place.
+    `significant_effects`; `refuted`: names of effects that are no competitors.
     """
     identifiability = _identifiability(likelihood, h)
     refused: set[tuple[str, str]] = set()
@@ -214,8 +223,10 @@ def _resolve_competitors(
             identifiability = _identifiability(likelihood, h)
         else:
             refused.add((competitor.of, competitor.name))
-    refused |= {(active.effect.name, name) for active in h.effects for name in refuted}
-    return h, {i: one.without_alternatives(refused) for i, one in identifiability.items()}
+    return h, {
+        i: one.without_alternatives(refused).without_rivals(refuted)
+        for i, one in identifiability.items()
+    }
 
 
 def _identifiability(likelihood: Likelihood, h: Hypothesis) -> dict[int, Identifiability]:

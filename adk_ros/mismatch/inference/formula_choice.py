@@ -166,9 +166,11 @@ def supported_formula(
     found = fit_feature_expansion(
         likelihood, start, path.expected_loss, path.null_excess_loss, parametric
     )
+    tried = 1
     while found.terms and not is_formula_supported(
-        likelihood, start, found.hypothesis, len(found.terms)
+        likelihood, start, found.hypothesis, len(found.terms), tried
     ):
+        tried += len(found.terms)
         found = _with_a_term_less(likelihood, start, found)
     return found
 

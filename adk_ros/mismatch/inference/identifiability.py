@@ -113,6 +113,14 @@ class Identifiability:
         )
         return replace(self, competitors=competitors)
 
+    def without_rivals(self, names: Collection[str]) -> Identifiability:
+        """Return it without the competitors of these names, which are not in its place."""
+        return replace(
+            self,
+            competitors=tuple(c for c in self.competitors if c.name not in names),
+            every_rival=tuple(rival for rival in self.every_rival if rival[0] not in names),
+        )
+
 
 def assess_identifiability(likelihood: Likelihood, h: Hypothesis, which: int) -> Identifiability:
     """Fit the most similar effects in place of effect `which` of a hypothesis."""

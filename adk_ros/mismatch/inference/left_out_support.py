@@ -48,13 +48,16 @@ def least_supported(
 
 
 def is_formula_supported(
-    likelihood: Likelihood, without: Hypothesis, formula: Hypothesis, terms: int
+    likelihood: Likelihood, without: Hypothesis, formula: Hypothesis, terms: int, tried: int = 1
 ) -> bool:
-    """Whether left-out blocks support a formula of so many terms against its absence."""
+    """
+    Whether left-out blocks support a formula of so many terms against its absence.
+
+    `tried`: formulas among which it was chosen by these blocks, each as probable.
+    """
     losses = [LeftOutScores.of(likelihood, h).total for h in (without, formula)]
-    return _is_supported(
-        losses[0] - losses[1], formula_log_prior(terms), likelihood.surrogate_error_dof()
-    )
+    log_prior = formula_log_prior(terms) - math.log(tried)
+    return _is_supported(losses[0] - losses[1], log_prior, likelihood.surrogate_error_dof())
 
 
 def _is_supported(gain: float, log_prior: float, surrogate_error: float) -> bool:

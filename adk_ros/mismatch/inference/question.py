@@ -33,8 +33,8 @@ from adk_ros.mismatch.inference.segments import fit_segments, refine_segments
 from adk_ros.mismatch.inference.selection_path import (
     SelectionPath,
     gain_and_required,
-    min_required_gain,
     penalised_loss,
+    required_gain_of,
 )
 from adk_ros.mismatch.inference.significance import significant_effects
 from adk_ros.mismatch.library.criteria import ONSET_MIN_FURTHER_GAIN
@@ -150,7 +150,7 @@ def _simplest_sufficient(
 ) -> Hypothesis:
     """Return the first way of acting, unless a later one would be claimed and gains far more."""
     best = ways[0]
-    required = min_required_gain(before, path)
+    required = required_gain_of(best.effects[-1].effect, before, path)
     for way in ways[1:]:
         gain, least = (penalised_loss(before) - penalised_loss(h) for h in (way, best))
         if gain > max(required, (1.0 + ONSET_MIN_FURTHER_GAIN) * least):
@@ -180,7 +180,7 @@ def _fit(h: Hypothesis, before: Hypothesis, about: Questioned) -> AskedFit:
         any(not intervals[p.name].low <= p.neutral <= intervals[p.name].high for p in moved),
         any(x is active for x in significant),
         reach.detectable(active, sufficient_loss(h, path, penalty)),
-        more_driving(before, path, removed, penalty, reach.significance(active)),
+        more_driving(active.effect, before, path, removed, penalty, reach.significance(active)),
     )
 
 

@@ -21,8 +21,14 @@ import numpy as np
 from adk_ros.mismatch.inference.block_scores import BlockScores, effect_variables
 from adk_ros.mismatch.inference.hypothesis import ActiveEffect, Hypothesis
 from adk_ros.mismatch.inference.likelihood import Likelihood
-from adk_ros.mismatch.inference.selection_path import SelectionPath, min_required_gain
+from adk_ros.mismatch.inference.selection_path import (
+    SelectionPath,
+    only_direction,
+    required_gain_of,
+)
 from adk_ros.mismatch.inference.significance import least_significant
+from adk_ros.mismatch.library.effect import Effect
+from adk_ros.numerics.arrays import FloatArray
 
 MAX_MORE_DRIVING = 100.0
 """Largest factor on the duration of driving that is stated. Convention: nobody drives longer."""
@@ -88,26 +94,52 @@ class Reach:
 
 
 def sufficient_loss(h: Hypothesis, path: SelectionPath, penalty: float) -> float:
-    """Return the loss that an effect must remove to be claimed, next to the others of `h`."""
+    """Return the loss that the last effect of `h`, next to the others, must remove for a claim."""
+    effect = h.effects[-1].effect
     for removed in _GAINS:
-        if removed - penalty > min_required_gain(replace(h, loss=h.loss + removed), path):
+        without = _without_last(h, float(removed))
+        if removed - penalty > required_gain_of(effect, without, path):
             return float(removed)
     return np.inf
 
 
+def _without_last(h: Hypothesis, removed: float) -> Hypothesis:
+    """Return `h` without its last effect, which removes so much, if possible in its direction."""
+    losses, direction = h.losses_by_direction, only_direction(h.effects[-1].effect)
+    if losses is not None and direction is not None:
+        losses = losses + removed * (np.arange(losses.size) == direction)
+    return replace(h, effects=h.effects[:-1], loss=h.loss + removed, losses_by_direction=losses)
+
+
 def more_driving(
-    before: Hypothesis, path: SelectionPath, removed: float, penalty: float, significance: float
+    effect: Effect,
+    before: Hypothesis,
+    path: SelectionPath,
+    removed: float,
+    penalty: float,
+    significance: float,
 ) -> float | None:
     """Return the least factor on the duration with which the fitted size would be claimed."""
+
+    def longer(values: FloatArray | None, k: float) -> FloatArray | None:
+        return None if values is None else k * values
+
     for k in _FACTORS:
-        longer = replace(
+        scaled = replace(
             path,
             expected_loss=k * path.expected_loss,
+            expected_by_direction=longer(path.expected_by_direction, k),
             noise_loss_variance=k * path.noise_loss_variance,
             null_excess_loss=k * path.null_excess_loss,
+            null_excess_by_direction=longer(path.null_excess_by_direction, k),
             surrogate_error_dof=k * path.surrogate_error_dof,
         )
-        required = min_required_gain(replace(before, loss=k * before.loss), longer)
+        start = replace(
+            before,
+            loss=k * before.loss,
+            losses_by_direction=longer(before.losses_by_direction, k),
+        )
+        required = required_gain_of(effect, start, scaled)
         # A standard deviation falls with the square root of the duration.
         if k * removed - penalty > required and significance * np.sqrt(k) > 1.0:
             return float(k)

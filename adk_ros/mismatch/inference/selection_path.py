@@ -162,6 +162,15 @@ def min_required_gain(before: Hypothesis, path: SelectionPath) -> float:
     return _RequiredGain.of(before, path).least()
 
 
+def required_gain_of(effect: Effect, before: Hypothesis, path: SelectionPath) -> float:
+    """Return the least gain of an effect: in the free direction in which alone it acts, or all."""
+    required = min_required_gain(before, path)
+    direction = only_direction(effect)
+    if direction in free_directions(before, path):
+        required = min(required, _RequiredGain.of(before, path, direction).least())
+    return required
+
+
 def least_required_gain(before: Hypothesis, path: SelectionPath) -> float:
     """Return the gain below which a further effect is accepted in no direction."""
     directions = (None, *free_directions(before, path))

@@ -161,6 +161,35 @@ def test_a_formula_is_sought_again_beside_the_effects_that_stay(
     assert asked == [("payload", "aero_drag"), ("payload",), ()]
 
 
+def test_the_formula_is_the_answer_where_no_effect_stays(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Held-out data refute one of two effects, and nothing supports the other alone."""
+    formula = expression(19_500.0, "speed")
+    both, one = (effects(19_000.0, *names) for names in (("payload", "aero_drag"), ("payload",)))
+    found = decision.Decision(EXPLAINED, [], None, both, None, formula=formula)
+    judged = decision.Decision(EXPLAINED, [], None, one, None)
+    monkeypatch.setattr(decision, "_fit_final", lambda *_: one)
+    asked: list[Any] = []
+
+    def judge(*arguments: Any) -> Any:
+        asked.append(arguments[-1])
+        return judged
+
+    monkeypatch.setattr(decision, "_judged", judge)
+    likelihood: Any = None
+    path = SelectionPath()
+    left = decision.reassessed(found, likelihood, path, one.effects, ("aero_drag",))
+    assert (left.verdict, left.hypothesis, left.refuted) == (EXPLAINED, one, ("aero_drag",))
+    judged = decision.Decision(NONE, [], None, effects(20_000.0), None)
+    left = decision.reassessed(found, likelihood, path, one.effects)
+    assert (left.verdict, left.unmodelled, left.effects) == (UNKNOWN, formula, [])
+    # What held-out data refuted before takes no place later.
+    decision.reassessed(replace(left, formula=None), likelihood, path, (), ("payload",))
+    decision.reassessed(replace(left, refuted=("aero_drag",)), likelihood, path, ())
+    assert asked == [("aero_drag",), (), ("payload",), ("aero_drag",)]
+
+
 @pytest.mark.parametrize(("excess", "verdict"), [(4_000.0, "none"), (6_000.0, "unknown")])
 def test_what_neither_effects_nor_features_reduce_is_said(
     monkeypatch: pytest.MonkeyPatch, excess: float, verdict: str
@@ -367,7 +396,7 @@ def test_competing_effects_are_those_of_the_effect_that_is_named(
     refuted = chain[1:2] if exchanges else ["payload"]
     h, found = decision._resolve_competitors(Fitted(), effects(100.0, chain[0]), 1000, refuted)
     assert h.effects[0].effect.name == chain[0]
-    assert found[0].alternatives == []
+    assert refuted[0] not in [competitor.name for competitor in found[0].competitors]
     # What chance may have made takes no place.
     monkeypatch.setattr(decision, "significant_effects", lambda _, h, examined: [])
     h, found = decision._resolve_competitors(Fitted(), effects(100.0, chain[0]), 1000)

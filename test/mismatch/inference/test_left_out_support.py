@@ -118,6 +118,9 @@ def test_a_formula_must_also_outweigh_the_number_of_formulas(
         for gain, supported in ((least + 0.1, True), (least - 0.1, False)):
             formula = fitted(1000.0 - gain)
             assert is_formula_supported(Known(), fitted(1000.0), formula, terms) is supported
+        # One that was chosen among five by these blocks needs the odds of five.
+        formula = fitted(1000.0 - least - 0.1)
+        assert not is_formula_supported(Known(), fitted(1000.0), formula, terms, 5)
 
 
 @pytest.mark.parametrize(("gain", "terms"), [(500.0, 1), (5.0, 0)])

@@ -89,11 +89,16 @@ def test_an_effect_of_the_detectable_size_is_found() -> None:
 
 def test_required_loss_solves_the_selection_rule() -> None:
     path = SelectionPath([], [], 1000.0)
-    h = Hypothesis((), questioned(driven()).decision.hypothesis.nuisances, 1400.0)
+    active = ActiveEffect(EFFECTS["aero_drag"], (0.9,))
+    h = Hypothesis((active,), questioned(driven()).decision.hypothesis.nuisances, 1400.0)
+
+    def without(removed: float) -> Hypothesis:
+        return replace(h, effects=(), loss=h.loss + removed)
+
     loss = sufficient_loss(h, path, 8.0)
-    assert loss - 8.0 > min_required_gain(replace(h, loss=h.loss + loss), path)
+    assert loss - 8.0 > min_required_gain(without(loss), path)
     lower = 0.95 * loss
-    assert lower - 8.0 <= min_required_gain(replace(h, loss=h.loss + lower), path)
+    assert lower - 8.0 <= min_required_gain(without(lower), path)
 
 
 def test_more_driving_helps_where_the_fixed_part_of_the_required_gain_decides() -> None:
@@ -101,13 +106,13 @@ def test_more_driving_helps_where_the_fixed_part_of_the_required_gain_decides() 
     before = Hypothesis((), questioned(driven()).decision.hypothesis.nuisances, 1000.0)
     penalty = 8.0
     removed = (MIN_FIRST_GAIN + penalty) / 1.3
-    factor = more_driving(before, path, removed, penalty, 2.0)
+    factor = more_driving(EFFECTS["aero_drag"], before, path, removed, penalty, 2.0)
     assert factor == pytest.approx(1.3, rel=0.05)
     # An effect that is not significant needs the square of what is missing.
-    needed = more_driving(before, path, removed, penalty, 0.5)
+    needed = more_driving(EFFECTS["aero_drag"], before, path, removed, penalty, 0.5)
     assert needed == pytest.approx(4.0, rel=0.05)
     unexplained = replace(before, loss=2000.0)
-    assert more_driving(unexplained, path, removed, penalty, 2.0) is None
+    assert more_driving(EFFECTS["aero_drag"], unexplained, path, removed, penalty, 2.0) is None
 
 
 def test_a_parameter_at_its_bound_has_no_detectable_size() -> None:
