@@ -78,10 +78,12 @@ def train(
     Example: adk fleet train drives --model fleet_model --out fleet
     """
     started = time.monotonic()
+    from adk_ros.api.fleet.default_rates import DEFAULT_STEP_S
     from adk_ros.api.fleet.fleet_run import estimate_fleet
     from adk_ros.api.fleet.fleet_training import train_fleet
     from adk_ros.api.fleet.training_data import FleetTrainingOptions, shard_stage
     from adk_ros.api.training import check_training, validation_interval
+    from adk_ros.fleet.run import duration_text
     from adk_ros.train.train_settings import TrainSettings
 
     settings = TrainSettings(
@@ -98,7 +100,12 @@ def train(
     if dry_run:
         stage = shard_stage(out, training)
         estimate = estimate_fleet(stage, recordings, out, options).as_dict()
-        print_estimate(estimate, as_json, f"; then {steps} training steps on this machine")
+        estimate["training_seconds"] = DEFAULT_STEP_S * steps
+        further = (
+            f"; then {steps} training steps on this machine, about "
+            f"{duration_text(DEFAULT_STEP_S * steps)} by a default of {DEFAULT_STEP_S:g} s each"
+        )
+        print_estimate(estimate, as_json, further)
         return
     check_training(model, "blocks", 1, force)
     with (

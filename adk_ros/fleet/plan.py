@@ -16,6 +16,9 @@ from typing import Any
 from adk_ros.fleet.dataset import UNREADABLE, FleetDataset
 from adk_ros.fleet.recordings import FleetRecording
 from adk_ros.fleet.stage import StageVersion
+from adk_ros.fleet.stage_process import Failure
+
+CHANGED = Failure.CHANGED.value
 
 
 @dataclass(frozen=True)
@@ -39,7 +42,7 @@ class Plan:
 
     `done`: recordings with a result. `copied`: recordings whose content has a result under another
     name, by key. `missing`: what to compute, large recordings first. `unhashed`: recordings whose
-    content hash is not known yet.
+    content hash is not known yet. `replaced`: keys of `missing` whose old rows are replaced.
     """
 
     done: int
@@ -47,6 +50,7 @@ class Plan:
     copied: Mapping[str, list[FleetRecording]]
     missing: Sequence[Work]
     unhashed: Sequence[FleetRecording] = field(default_factory=tuple)
+    replaced: frozenset[str] = frozenset()
 
     def to_hash(self, count: int | None) -> Sequence[FleetRecording]:
         """Return the recordings to hash if at most `count` are processed, the largest first."""
@@ -66,6 +70,8 @@ def plan(
     """
     Compare the recordings with the dataset.
 
+    A recording that changed or was moved while it was read has no result.
+
     :param hashes: (uri, version) -> content hash.
     :param retry_failed: failed recordings count as missing.
     """
@@ -82,7 +88,8 @@ def plan(
             continue
         content_of[key] = hashes[recording.uri, recording.version]
         names = existing.get(key)
-        if names is None or (retry_failed and any(names.values())):
+        failed_as = set(names.values()) if names else set()
+        if names is None or CHANGED in failed_as or (retry_failed and any(failed_as)):
             missing.setdefault(key, []).append(recording)
         elif recording.name in names:
             done += 1
@@ -92,7 +99,7 @@ def plan(
     work = [Work(key, content_of[key], tuple(same)) for key, same in missing.items()]
     # A large recording that starts last would leave the other workers idle.
     work.sort(key=lambda each: (-each.size, each.key))
-    return Plan(done, failed, copied, work, unhashed)
+    return Plan(done, failed, copied, work, unhashed, frozenset(existing.keys() & missing.keys()))
 
 
 def current_keys(

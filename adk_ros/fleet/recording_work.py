@@ -17,7 +17,7 @@ from adk_ros.fleet.recordings import (
     content_hash,
     local_recording,
 )
-from adk_ros.fleet.stage import Stage, keeps_recordings
+from adk_ros.fleet.stage import Stage, StageOfContent, keeps_recordings
 from adk_ros.fleet.stage_process import NotShared
 
 
@@ -60,12 +60,12 @@ def run_on_recording(
     :param content: hash of the content, "" if it is not known: what a stage has kept of it is not
         read again.
     :raises NotShared: it does not.
-    :raises UsageError: the recording has changed since it was listed.
+    :raises RecordingChanged: the recording has changed since it was listed.
     """
     _require(shared)
-    if content and keeps_recordings(stage):
-        stage = keeping = stage.of_content(content)
-        kept = keeping.run_kept(recording.name)
+    if content and isinstance(stage, StageOfContent):
+        stage = stage.of_content(content)
+        kept = stage.run_kept(recording.name) if keeps_recordings(stage) else None
         if kept is not None:
             check_unchanged(recording)
             return [checked_row(row) for row in kept]
@@ -77,8 +77,11 @@ def run_on_recording(
 
         try:
             rows = [checked_row(row) for row in stage.run(path, recording.name)]
-        except AdkError as error:
-            error.args = (named(str(error)),)
+        except Exception as error:
+            # What was read of a file that is being written, moved or replaced says nothing of it.
+            check_unchanged(recording)
+            if isinstance(error, AdkError):
+                error.args = (named(str(error)),)
             raise
         check_unchanged(recording)
         return [{key: named(value) for key, value in row.items()} for row in rows]

@@ -25,6 +25,10 @@ _METADATA = "metadata.yaml"
 _BLOCK_BYTES = 1 << 20
 
 
+class RecordingChanged(UsageError):
+    """A recording is not the one that was listed any more: what was read belongs to no content."""
+
+
 @dataclass(frozen=True)
 class FleetRecording:
     """
@@ -33,6 +37,7 @@ class FleetRecording:
     `name`: path below the folder in which it was found; `uri`: where it is; `files`: its files, as
     paths in their file system, sorted. `size` in bytes. `version`: changes if a file changes, from
     sizes and times of change (or entity tags): as long as it is the same, the content hash is.
+    `entity_tags`: of each file in a store, "" where it gives none.
     """
 
     name: str
@@ -40,6 +45,7 @@ class FleetRecording:
     files: tuple[str, ...]
     size: int
     version: str
+    entity_tags: tuple[str, ...] = ()
 
 
 def find_recordings(given: Sequence[str]) -> list[FleetRecording]:
@@ -149,6 +155,7 @@ def _in_folder(
             files,
             sum(infos[name]["size"] for name in files),
             _version(infos[name] for name in files),
+            tuple(_entity_tag(infos[name]) for name in files),
         )
 
 
@@ -159,25 +166,35 @@ def _version(infos: Iterable[dict[str, Any]]) -> str:
 
 def check_unchanged(recording: FleetRecording) -> None:
     """
-    Check that the files on the disk are still those that were listed.
+    Check that the files are still those that were listed.
 
-    One that is still being written would have results that belong to no content. Objects of a
-    store appear whole.
+    One that is being written, or was replaced, would have results that belong to no content.
 
-    :raises UsageError: they are not.
+    :raises RecordingChanged: they are not. :raises StoreUnreachable: the store does not answer.
     """
     system, _ = file_system(recording.uri)
-    if not is_local(system):
-        return
     try:
-        is_same = _version(map(described, recording.files)) == recording.version
+        if is_local(system):
+            is_same = _version(map(described, recording.files)) == recording.version
+        else:
+            is_same = with_retries(recording.uri, partial(_is_stored, system, recording))
     except OSError:
         is_same = False
     if not is_same:
-        raise UsageError(
+        raise RecordingChanged(
             f"{recording.uri} has changed while it was read: run the same command again when it "
             "is complete"
         )
+
+
+def _is_stored(system: Any, recording: FleetRecording) -> bool:
+    """Whether the objects of a store are those that were listed, by size and entity tag."""
+    system.invalidate_cache()
+    infos = [system.info(name) for name in recording.files]
+    # A store may list times in another form than it gives them for an object.
+    tags = zip(map(_entity_tag, infos), recording.entity_tags, strict=False)
+    is_same_size = sum(info["size"] for info in infos) == recording.size
+    return is_same_size and all(now == before for now, before in tags if now and before)
 
 
 def _changed(info: dict[str, Any]) -> str:
@@ -186,6 +203,11 @@ def _changed(info: dict[str, Any]) -> str:
         if info.get(key) is not None:
             return str(info[key])
     return ""
+
+
+def _entity_tag(info: dict[str, Any]) -> str:
+    """Return the entity tag of an object without quotes, "" for none."""
+    return str(info.get("ETag") or info.get("etag") or "").strip('"')
 
 
 def _is_bag(system: Any, path: str) -> bool:
@@ -244,7 +266,8 @@ def local_recording(recording: FleetRecording) -> Iterator[Path]:
     """
     Yield the path of a recording on the disk; one of an object store is copied and removed again.
 
-    :raises UsageError: it cannot be read. :raises StoreUnreachable: the store does not answer.
+    :raises UsageError: it cannot be read. :raises RecordingChanged: an object is gone.
+    :raises StoreUnreachable: the store does not answer.
     """
     system, path = file_system(recording.uri)
     if is_local(system):
@@ -260,6 +283,8 @@ def local_recording(recording: FleetRecording) -> Iterator[Path]:
             with_retries(recording.uri, partial(_copy_file, system, name, copy))
         yield copy if is_file else target
     except FileNotFoundError:
-        raise UsageError(f"{recording.uri}: a file has been removed from the store") from None
+        raise RecordingChanged(
+            f"{recording.uri}: a file has been removed from the store"
+        ) from None
     finally:
         shutil.rmtree(folder, ignore_errors=True)

@@ -101,8 +101,9 @@ def run_stage(
             if wanted := found.to_hash(limits.count):
                 _hash_recordings(wanted, opened, dataset, limits, progress)
                 left = _identities(found.unhashed) - _identities(wanted)
-                hashes = {k: v for k, v in dataset.content_hashes().items() if k not in left}
-                found = plan(version, recordings, hashes, dataset, limits.retry_failed)
+                hashes = dataset.content_hashes()
+                to_do = {k: v for k, v in hashes.items() if k not in left}
+                found = plan(version, recordings, to_do, dataset, limits.retry_failed)
             _list_and_copy(version, recordings, hashes, found, dataset)
             return _compute(stage, version, recordings, found, opened, dataset, limits, progress)
 
@@ -158,8 +159,8 @@ def _compute(
     progress: Progress | None,
 ) -> RunSummary:
     missing = found.missing[: limits.count]
-    if limits.retry_failed:
-        dataset.drop(stage.name, {work.key for work in missing})
+    if replaced := found.replaced & {work.key for work in missing}:
+        dataset.drop(stage.name, replaced)
     by_key = {work.key: work for work in missing}
     shared = tuple(path for path in stage.shared_paths if Path(path).exists())
     tasks = (

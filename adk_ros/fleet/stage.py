@@ -52,6 +52,14 @@ class StagePerRecording(Protocol):
         """Return a function: name of a recording -> hash of its inputs, "" for none."""
 
 
+@runtime_checkable
+class StageOfContent(Protocol):
+    """A stage that writes files which belong to the content of a recording."""
+
+    def of_content(self, content_hash: str) -> Stage:
+        """Return the stage for a recording with this hash of its content."""
+
+
 class KeepingStage(Stage, Protocol):
     """A stage that keeps what it has read, so that it reads a recording once for several runs."""
 

@@ -31,6 +31,7 @@ from typing import Any
 import psutil
 
 from adk_ros.errors import AdkError, first_line, one_line
+from adk_ros.fleet.recordings import RecordingChanged
 from adk_ros.fleet.store import StoreUnreachable
 
 ATTEMPTS = 3
@@ -51,6 +52,7 @@ class Failure(str, Enum):
     KILLED = "killed"
     UNREACHABLE = "unreachable"
     DISK_FULL = "disk full"
+    CHANGED = "changed"
     OTHER_CODE = "other code"
     NOT_SHARED = "not shared"
 
@@ -242,6 +244,8 @@ def call(function: Callable[..., Any], arguments: Sequence[Any]) -> Reply:
         failure, reason = Failure.UNREACHABLE, str(error)
     except NotShared as error:
         failure, reason = Failure.NOT_SHARED, str(error)
+    except RecordingChanged as error:
+        failure, reason = Failure.CHANGED, str(error)
     except AdkError as error:
         # `from None` hides the cause from a reader, not from the program.
         full = _is_full(error) or _is_full(error.__context__)

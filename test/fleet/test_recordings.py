@@ -7,15 +7,23 @@ from __future__ import annotations
 import errno
 import os
 import shutil
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 from adk_ros.errors import DataError, UsageError
 from adk_ros.fleet import store
 from adk_ros.fleet.recording_work import run_on_recording
-from adk_ros.fleet.recordings import content_hash, find_recordings, local_recording
+from adk_ros.fleet.recordings import (
+    RecordingChanged,
+    _is_stored,
+    check_unchanged,
+    content_hash,
+    find_recordings,
+    local_recording,
+)
 from adk_ros.fleet.tags import Tags, read_tags, tags_beside, write_tags
 
 
@@ -169,6 +177,27 @@ def test_a_store_in_memory_is_copied_and_removed_again() -> None:
         assert path.read_text() == "a.mcap"
     assert not path.exists()
     assert len(content_hash(town)) == 64
+
+
+def test_an_object_that_was_replaced_is_not_the_one_that_was_listed() -> None:
+    system, _ = store.file_system("memory://fleet")
+    system.pipe("/replaced/a.mcap", b"first")
+    (recording,) = find_recordings(["memory://replaced"])
+    check_unchanged(recording)
+    tagged = replace(recording, entity_tags=("1",))
+
+    def with_tag(tag: str) -> SimpleNamespace:
+        info = {"name": "/replaced/a.mcap", "size": 5, "ETag": f'"{tag}"'}
+        return SimpleNamespace(invalidate_cache=lambda: None, info=lambda _: info)
+
+    assert _is_stored(with_tag("1"), tagged)
+    assert not _is_stored(with_tag("2"), tagged)
+    system.pipe("/replaced/a.mcap", b"second")
+    with pytest.raises(RecordingChanged, match="has changed while it was read"):
+        check_unchanged(recording)
+    system.rm("/replaced/a.mcap")
+    with pytest.raises(RecordingChanged):
+        check_unchanged(recording)
 
 
 def test_an_outage_is_survived_or_reported_in_a_line() -> None:

@@ -29,7 +29,7 @@ from pyarrow.parquet import ParquetFile  # type: ignore[import-untyped, unused-i
 from adk_ros.api.fleet.fleet_run import FleetOptions, workers_of
 from adk_ros.api.fleet.results import fleet_frame, fleet_summary
 from adk_ros.bench.fleet.disturbed_runs import RunningCluster, environment
-from adk_ros.errors import UsageError
+from adk_ros.errors import DataError, UsageError
 from adk_ros.fleet.cluster import open_cluster
 from adk_ros.fleet.dataset import UNREADABLE, FleetDataset
 from adk_ros.fleet.engine import Task, run_tasks
@@ -554,6 +554,66 @@ def test_a_recording_that_is_still_being_written_has_no_result(tmp_path, monkeyp
     assert "has changed while it was read" in texts[0]
     assert "has changed while it was read" in texts[1]
     assert texts[2] == "more and complete"
+
+
+class MovingStage(CountingStage):
+    """Does not find a recording that is moved before it is read, once."""
+
+    def run(self, path, recording):
+        moved = path.with_name("moved.mcap")
+        if not moved.exists():
+            path.rename(moved)
+            raise DataError(f"{path} does not exist")
+        return super().run(path, recording)
+
+
+def test_a_recording_that_was_moved_meanwhile_is_read_where_it_is(tmp_path, monkeypatch) -> None:
+    """That it was gone is no result of its content, which the moved one has as well."""
+    run_here(monkeypatch)
+    (tmp_path / "a.mcap").write_text("content")
+    stage, out = MovingStage(), tmp_path / "out"
+    summary = run_stage(
+        stage, find_recordings([str(tmp_path / "*.mcap")]), out, fake_cluster, LIMITS
+    )
+    assert summary.failures == {"changed": 1}
+    listed = find_recordings([str(tmp_path / "*.mcap")])
+    summary = run_stage(stage, listed, out, fake_cluster, LIMITS)
+    assert (summary.reused, summary.computed, summary.failures) == (0, 1, {})
+    (row,) = current_rows(version_of(stage), listed, FleetDataset(out))
+    assert (row["recording"], row["text"]) == ("moved.mcap", "content")
+
+
+def test_what_is_left_for_later_keeps_its_reason(tmp_path, monkeypatch) -> None:
+    run_here(monkeypatch)
+    for name in "abc":
+        (tmp_path / f"{name}.mcap").write_text(name)
+
+    def unreadable(recording):
+        raise UsageError(f"{recording.uri} cannot be read")
+
+    def run_unreadable(self, path, recording):
+        raise DataError(f"{path} cannot be read")
+
+    monkeypatch.setattr("adk_ros.fleet.recording_work.content_hash", unreadable)
+    monkeypatch.setattr(CountingStage, "run", run_unreadable)
+    stage, found, out = CountingStage(), find_recordings([str(tmp_path)]), tmp_path / "out"
+    run_stage(stage, found, out, fake_cluster, LIMITS)
+    run_stage(stage, found, out, fake_cluster, replace(LIMITS, retry_failed=True, count=1))
+    frame = fleet_frame(out, stage.name)
+    assert sorted(frame["recording"]) == ["a.mcap", "b.mcap", "c.mcap"]
+    assert frame["reason"].str.contains("cannot be read").all()
+
+
+def test_a_tag_with_the_name_of_a_column_keeps_both(tmp_path, monkeypatch) -> None:
+    run_here(monkeypatch)
+    (tmp_path / "a.mcap").write_text("content")
+    stage, out = CountingStage(), tmp_path / "out"
+    run_stage(stage, find_recordings([str(tmp_path)]), out, fake_cluster, LIMITS)
+    table = "recording,vehicle,time,status,rain,time_s\na.mcap,car,,loaded,no,x\n"
+    (out / "fleet.csv").write_text(table)
+    (row,) = fleet_frame(out, stage.name).to_dict("records")
+    assert (row["status"], row["status_tag"], row["rain"]) == ("ok", "loaded", "no")
+    assert (row["vehicle"], row["time_s_tag"]) == ("car", "x")
 
 
 @pytest.mark.slow(seconds=10)

@@ -12,6 +12,8 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
+from adk_ros.api.fleet.default_rates import DEFAULT_CORE_S, default_basis
+from adk_ros.api.fleet.recording_minutes import recording_minutes
 from adk_ros.errors import UsageError
 from adk_ros.fleet.cluster import open_cluster
 from adk_ros.fleet.dataset import FleetDataset
@@ -123,7 +125,8 @@ def estimate_fleet(
     """
     Return what `run_fleet` would do; writes nothing.
 
-    The time is the bytes to process at the mean rate of the results in the dataset.
+    The time is the bytes to process at the mean rate of the results in the dataset, or the minutes
+    of recording at a default rate (`default_rates`).
     """
     options = options or FleetOptions()
     check_options(options)
@@ -155,11 +158,20 @@ def estimate_stage(
     sizes = [work.size for work in todo.missing] + [each.size for each in unhashed]
     sizes = sizes[: options.limits.count]
     seconds, rate_bytes, measured = dataset.rates(stage.name)
-    expected = None
+    expected, basis = None, ""
     if not sizes:
         expected = 0.0
-    elif measured and rate_bytes and options.workers:
+    elif not options.workers:
+        pass
+    elif measured and rate_bytes:
         expected = seconds * sum(sizes) / rate_bytes / options.workers
+        basis = f"the rate of {measured} recordings"
+    elif stage.name in DEFAULT_CORE_S:
+        minutes = recording_minutes(found, dataset)
+        if minutes is not None:
+            share = sum(sizes) / sum(each.size for each in found)
+            expected = DEFAULT_CORE_S[stage.name] * minutes * share / options.workers
+            basis = default_basis(stage.name)
     return FleetEstimate(
         stage.name,
         len(found),
@@ -170,7 +182,7 @@ def estimate_stage(
         options.workers,
         expected,
         measured,
-        f"the rate of {measured} recordings" if expected is not None else "",
+        basis,
     )
 
 

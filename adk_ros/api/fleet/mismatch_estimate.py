@@ -20,20 +20,8 @@ from adk_ros.api.fleet.fleet_run import (
     workers_of,
 )
 from adk_ros.api.fleet.identified_simulation import SimulationInputs
-from adk_ros.api.fleet.recording_minutes import recording_minutes
 from adk_ros.bags.recording import RecordingOptions
 from adk_ros.fleet.dataset import FleetDataset
-
-DEFAULT_CORE_S = 0.4
-"""
-s of a core for a minute of recording and pass, before there is a result: the analysis of 'adk
-fleet demo' took 12 min on two cores for 1256 min of recording (doc/fleet.md), counted as three
-passes.
-"""
-_DEFAULT_BASIS = (
-    f"a default of {DEFAULT_CORE_S:g} s of a core for a minute of recording and pass, as an "
-    "AMD EPYC takes"
-)
 
 
 def estimate_mismatch(
@@ -52,7 +40,7 @@ def estimate_mismatch(
     Return what `fleet_mismatch` would do; writes nothing.
 
     The counts are of the first pass. `seconds` is of all passes at the mean rate of earlier ones,
-    an upper limit if later passes were done in part, or at `DEFAULT_CORE_S`; reports of recordings
+    an upper limit if later passes were done in part, or at a default rate; reports of recordings
     are not counted.
 
     :raises UsageError: an argument is invalid.
@@ -72,18 +60,24 @@ def estimate_mismatch(
     path = inputs.file(out)
     stage = EvidenceStage(str(path) if path.exists() else "", "", without_imu, inputs.reading)
     first = replace(estimate_stage(stage, found, out, options), notes=table.notes)
-    is_finished = first.missing == 0 and (out / REPORT / "fleet.json").is_file()
-    if is_finished:
+    if first.missing == 0 and _is_reported(out, stage.name):
         return first
     if first.seconds is None:
-        minutes = recording_minutes(found, FleetDataset(out))
-        if minutes is None or not options.workers:
-            return first
-        seconds = DEFAULT_CORE_S * minutes * USUAL_PASSES / options.workers
-        return replace(first, seconds=seconds, basis=_DEFAULT_BASIS)
+        return first
+    if not first.measured:
+        return replace(first, seconds=first.seconds * USUAL_PASSES)
     every = estimate_stage(replace(stage, simulation=""), found, out, options)
     return replace(
         first,
         seconds=first.seconds + (USUAL_PASSES - 1) * (every.seconds or 0.0),
         basis=f"{first.basis}; less where later passes keep evidence of an earlier run",
     )
+
+
+def _is_reported(out: Path, stage: str) -> bool:
+    """Whether the report is later than all evidence: else a run was stopped after a pass."""
+    report = out / REPORT / "fleet.json"
+    if not report.is_file():
+        return False
+    written_s = FleetDataset(out).columns(stage, ["written_s"]).column("written_s").to_pylist()
+    return report.stat().st_mtime >= max(written_s, default=0.0)

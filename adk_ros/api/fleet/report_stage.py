@@ -4,13 +4,14 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 from adk_ros.api.fleet.explain_stage import explanation_rows
 from adk_ros.api.fleet.index_stage import file_hash
 from adk_ros.bags.recording import RecordingOptions
+from adk_ros.files.code_digest import code_digest
 from adk_ros.fleet.stage import hash_of
 
 PAGE = "report.html"
@@ -23,9 +24,9 @@ class ReportStage:
 
     `simulation`: vehicle file of the surrogate (`simulation.yaml`): a bag would be refused for
     recordings that are faster or slower. `folder`: where the reports are written, a folder for
-    each simulation and in it one for each recording, seen by all workers under this path. The row
-    of kind `verdict` has the page below it in `details.report`. `options`: topics and sensor
-    configuration.
+    each simulation, code and content and in it one for the recording, seen by all workers under
+    this path. The row of kind `verdict` has the page below it in `details.report`. `options`:
+    topics and sensor configuration. `content`: hash of the recording's content.
     """
 
     simulation: str
@@ -33,6 +34,11 @@ class ReportStage:
     without_imu: bool = False
     options: RecordingOptions = field(default_factory=RecordingOptions)
     name: str = "reports"
+    content: str = ""
+
+    def of_content(self, content_hash: str) -> ReportStage:
+        """Return the stage for a recording with this hash of its content."""
+        return replace(self, content=content_hash)
 
     @property
     def inputs_hash(self) -> str:
@@ -51,8 +57,9 @@ class ReportStage:
         explanation = explain(
             self.simulation, path, without_imu=self.without_imu, options=self.options
         )
-        # Results of another simulation are kept, and so are their reports.
-        place = f"{self.inputs_hash[:16]}/{recording}"
+        # Results of another simulation, code or content are kept, and so are their reports.
+        version = hash_of([self.inputs_hash, code_digest(), self.content])
+        place = f"{version[:16]}/{recording}"
         explanation.write(Path(self.folder) / place, force=True)
         rows = explanation_rows(explanation)
         for row in rows:

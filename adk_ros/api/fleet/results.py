@@ -38,7 +38,8 @@ def fleet_frame(out: Path | str, stage: str) -> pd.DataFrame:
     Of each recording those of its content and of the model or simulation at its last run; if that
     run has not come to it, the newest of this content.
 
-    Columns: those of `fleet.dataset.RESULT`, then vehicle, time_s and the tags of fleet.csv.
+    Columns: those of `fleet.dataset.RESULT`, then vehicle, time_s and the tags of fleet.csv; a tag
+    with the name of another column gets "_tag" after it.
     """
     frame = _current(out, stage, list(RESULT))
     if frame.empty:
@@ -46,8 +47,10 @@ def fleet_frame(out: Path | str, stage: str) -> pd.DataFrame:
     path = Path(out) / TAGS_FILE
     if not path.is_file():
         return frame.assign(vehicle="", time_s=float("nan"))
+    taken = {*RESULT, "vehicle", "time_s"}
     rows: list[dict[str, Any]] = [
-        {"recording": name, "vehicle": each.vehicle, "time_s": each.time_s} | dict(each.conditions)
+        {"recording": name, "vehicle": each.vehicle, "time_s": each.time_s}
+        | {f"{tag}_tag" if tag in taken else tag: x for tag, x in each.conditions.items()}
         for name, each in stored_tags(path, list(frame["recording"].unique())).items()
     ]
     if not rows:

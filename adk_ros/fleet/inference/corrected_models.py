@@ -3,8 +3,8 @@
 """
 Corrected models of a fleet: the simulation's surrogate with the claimed effects of a level.
 
-For all cars those that all cars share; for a car also its own, with a trend at its last recording;
-for a condition also those of the condition. Sensor faults are no part of a vehicle. Places are
+For all cars those that all cars share; for a car with claims also its own, with a trend at its
+last recording; for a condition also those of the condition. Other cars have the model of all. Sensor faults are no part of a vehicle. Places are
 listed in the result and not exported: a term at a place needs the line of a lap.
 """
 
@@ -26,7 +26,7 @@ MODELS = "corrected_*.yaml"
 
 
 def corrected_models(result: FleetResult, surrogate: SurrogateModel) -> dict[str, str]:
-    """Return file name -> text of the corrected models: all cars, each car, each condition."""
+    """Return file name -> text: of all cars, and of each car and each condition with claims."""
     shared = [c for c in result.claims if _in_all(c)]
     models = [("all", _text(shared, surrogate))]
     for car in result.cars:

@@ -382,11 +382,13 @@ def _vehicles(estimate: FleetEstimate) -> list[VehicleEffect]:
 
 
 def _trends(estimate: FleetEstimate, at: FloatArray) -> list[TrendPoint]:
-    """Return the sizes by recording of parameters with a trend, in the cars that it concerns."""
+    """Return the sizes by recording of parameters with trends, in the cars that these concern."""
     fleet, out = estimate.fleet, []
-    claimed = [c for c in estimate.claims if is_trend(c.candidate.level)]
-    for claim in claimed:
-        effect, level = claim.candidate.effect, claim.candidate.level
+    cars: dict[int, set[str]] = {}
+    for claim in estimate.claims:
+        if is_trend(claim.candidate.level):
+            cars.setdefault(claim.candidate.effect, set()).add(claim.candidate.level.car)
+    for effect, concerned in cars.items():
         j = fleet.columns.first_effect + effect
         column = _column(fleet.columns, effect)
         terms: list[Term] = [c.candidate.term for c in estimate.claims]
@@ -397,7 +399,7 @@ def _trends(estimate: FleetEstimate, at: FloatArray) -> list[TrendPoint]:
         )
         for r, name in enumerate(fleet.names):
             information = float(fleet.informations[r, j, j])
-            if information <= 0.0 or (level.car and fleet.cars[r] != level.car):
+            if information <= 0.0 or not concerned & {"", fleet.cars[r]}:
                 continue
             rest = at[r].copy()
             rest[j] = 0.0

@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+import math
+import re
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -12,6 +14,7 @@ from adk_ros.errors import UsageError
 from adk_ros.files.pages.page import render_page
 from adk_ros.files.pages.provenance import Provenance
 from adk_ros.fleet.inference.fleet_result import AND, SCHEMA
+from adk_ros.fleet.inference.levels import TRENDS
 from adk_ros.fleet.inference.place_evidence import CELL_M
 from adk_ros.mismatch.report.vocabulary import title, unit_text
 
@@ -82,7 +85,7 @@ def write_comparison(
         provenance,
         names=names,
         claims=compared_claims(before, after),
-        improved=losses[:10],
+        improved=[row for row in losses[:10] if float(row[2]) < float(row[1])],
         worsened=[row for row in reversed(losses[-10:]) if float(row[2]) > float(row[1])],
         common=len(losses),
     )
@@ -94,17 +97,34 @@ def write_comparison(
 def _paired(
     before: Sequence[Claim], after: Sequence[Claim], is_same: Callable[[Claim, Claim], bool]
 ) -> list[tuple[Claim | None, Claim | None]]:
-    """Return each claim before with that after, and those without the other one."""
-    left = list(after)
-    pairs: list[tuple[Claim | None, Claim | None]] = []
-    # The same effect first: another one that it is tied with may be claimed next to it.
-    for a in sorted(before, key=lambda one: not any(_has_effect_of(one, b) for b in after)):
-        same = [b for b in left if is_same(a, b)]
-        b = min(same, key=lambda one: not _has_effect_of(a, one)) if same else None
-        if b is not None:
-            left.remove(b)
-        pairs.append((a, b))
-    return pairs + [(None, b) for b in left]
+    """
+    Return each claim before with that after, and those without the other one.
+
+    The same effect first, since another one that it is tied with may be claimed next to it; of
+    several changes of one effect over time, those with the nearest change points.
+    """
+    candidates = sorted(
+        (not _has_effect_of(a, b), _days_apart(a, b), i, j)
+        for i, a in enumerate(before)
+        for j, b in enumerate(after)
+        if is_same(a, b)
+    )
+    partner: dict[int, int] = {}
+    for *_, i, j in candidates:
+        if i not in partner and j not in partner.values():
+            partner[i] = j
+    pairs: list[tuple[Claim | None, Claim | None]] = [
+        (a, after[partner[i]] if i in partner else None) for i, a in enumerate(before)
+    ]
+    return pairs + [(None, b) for j, b in enumerate(after) if j not in partner.values()]
+
+
+def _days_apart(a: Claim, b: Claim) -> float:
+    """Return the days between the change points of two claims, 0 where neither has one."""
+    days = [one.get("onset_day") for one in (a, b)]
+    if days[0] is None or days[1] is None:
+        return 0.0 if days[0] is days[1] else math.inf
+    return abs(float(days[0]) - float(days[1]))
 
 
 def _has_effect_of(a: Claim, b: Claim) -> bool:
@@ -112,14 +132,22 @@ def _has_effect_of(a: Claim, b: Claim) -> bool:
 
 
 def _is_same_claim(a: Claim, b: Claim) -> bool:
-    if any(a[key] != b[key] for key in ("kind", "car", "tag", "value")):
+    kinds = ["trend" if one["kind"] in TRENDS else one["kind"] for one in (a, b)]
+    if kinds[0] != kinds[1] or any(a[key] != b[key] for key in ("car", "tag", "value")):
         return False
-    # A tie is "effect (level)", where a change point is fitted.
-    ties_a, ties_b = (
-        {effect.split(" (")[0] for tie in one["ties"] for effect in tie.split(AND)}
-        for one in (a, b)
+    return _has_effect_of(a, b) or _is_tied(a, b) or _is_tied(b, a)
+
+
+def _is_tied(a: Claim, b: Claim) -> bool:
+    """Whether `b` is among the ties of `a`, "effect (level)", whatever its change point."""
+    named = _without_change_point(f"{b['effect']} ({b['level']})")
+    return any(
+        _without_change_point(each) == named for tie in a["ties"] for each in tie.split(AND)
     )
-    return _has_effect_of(a, b) or b["effect"] in ties_a or a["effect"] in ties_b
+
+
+def _without_change_point(text: str) -> str:
+    return re.sub(r"(growing )?from day \S+ on ", "", text)
 
 
 def _is_same_place(a: Claim, b: Claim) -> bool:

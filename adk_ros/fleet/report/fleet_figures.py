@@ -4,7 +4,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
+from itertools import cycle
 from pathlib import Path
 
 import matplotlib as mpl
@@ -82,8 +83,14 @@ def _entry_text(entry: VehicleEffect) -> str:
     return f"{size}\n{low} to {high}"
 
 
-def trend_figure(points: Sequence[TrendPoint], unit: str, path: Path) -> None:
-    """Draw the sizes of one parameter by recording over time, with the claimed trend."""
+def trend_figure(
+    points: Sequence[TrendPoint], unit: str, cars: Collection[str], path: Path
+) -> None:
+    """
+    Draw the sizes of one parameter by recording over time, with the claimed trends.
+
+    `cars` have claims besides those of the fleet: each has its line.
+    """
     figure, axes = plt.subplots(figsize=(7.5, 3.0), layout="constrained")
     ordered = sorted(points, key=lambda p: p.day)
     days = [p.day for p in ordered]
@@ -106,7 +113,13 @@ def trend_figure(points: Sequence[TrendPoint], unit: str, path: Path) -> None:
         ecolor=GREY,
         label="one recording (90 % interval of its noise)",
     )
-    axes.plot(days, fitted, color=VERMILION, label="fleet")
+    groups = [point.car if point.car in cars else "" for point in ordered]
+    colours = cycle((VERMILION, ORANGE, PURPLE))
+    for group in dict.fromkeys(groups):
+        rows = [i for i, each in enumerate(groups) if each == group]
+        label = group or ("the other cars" if cars else "all cars")
+        line = [days[i] for i in rows], fitted[rows]
+        axes.plot(*line, color=next(colours), marker=".", ms=3, label=label)
     axes.set_xlabel("day")
     axes.set_ylabel(f"{title(points[0].effect)}, {unit_text(unit)}")
     axes.legend(fontsize=8)

@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -60,9 +59,9 @@ def write_fleet_page(
     keys = dict.fromkeys((p.effect, p.parameter) for p in result.trends)
     for i, key in enumerate(keys):
         points = [p for p in result.trends if (p.effect, p.parameter) == key]
-        unit = next(c.unit for c in result.claims if (c.effect, c.parameter) == key)
+        claims = [c for c in result.claims if (c.effect, c.parameter) == key]
         path = out / f"trend_{i}.png"
-        partial(trend_figure, points, unit)(path)
+        trend_figure(points, claims[0].unit, {c.car for c in claims if c.car}, path)
         trends.append(embed(path, f"Size of {key[0]} by recording over time"))
     for path in out.glob(MODELS):
         # Of a claim that is no longer made.

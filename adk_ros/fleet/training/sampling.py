@@ -94,11 +94,12 @@ def _taken(free: list[str], number: float) -> tuple[str, ...]:
 
 class BlockWindows:
     """
-    Windows of training blocks, at most `seconds` each.
+    Windows of training blocks, about `seconds` each: up to half a block more for each condition.
 
-    `count` windows hold about as much as all blocks together, at least `least`. Balanced: each
-    window has equal shares of all conditions, of a rare one all there is; else the shares of the
-    data. A window is the same whenever it is asked for.
+    `count` windows hold about as much as all blocks together, at least `least`. Balanced: windows
+    have equal shares of all conditions, of a rare one all there is; else the shares of the data.
+    Where a share is less than a block, a condition is in a window in turn. A window is the same
+    whenever it is asked for.
     """
 
     def __init__(
@@ -136,18 +137,22 @@ class BlockWindows:
 
     def window(self, number: int) -> list[FleetBlock]:
         """Return the blocks of a window, in the order in which files are read best."""
-        chosen = []
-        for condition, group in self._groups.items():
+        chosen: list[FleetBlock] = []
+        nearest: list[tuple[float, FleetBlock]] = []
+        for i, (condition, group) in enumerate(self._groups.items()):
             # Each condition goes through its blocks in a circle, a quota further in each window:
-            # a block is drawn in the window that its middle falls into.
+            # a block is drawn in the window that its middle falls into. The conditions begin at
+            # other parts of a block, so that rare ones do not all come in the same windows.
             durations = np.array([block.seconds for block in group])
             ends, quota = np.cumsum(durations), self.quotas[condition]
-            first = number * quota % ends[-1]
+            begin = durations.mean() * i / len(self._groups)
+            first = (begin + number * quota) % ends[-1]
             # A middle on the boundary of two windows is of the later one, whatever is rounded.
             ahead = (ends - 0.5 * durations - first + 1e-9 * ends[-1]) % ends[-1]
-            drawn = np.flatnonzero(ahead < quota)
-            # No condition is left out.
-            chosen += [group[i] for i in (drawn if drawn.size else [int(ahead.argmin())])]
+            chosen += [group[j] for j in np.flatnonzero(ahead < quota)]
+            nearest.append((float(ahead.min()), group[int(ahead.argmin())]))
+        # Less than half a block long, a window may hold no middle.
+        chosen = chosen or [min(nearest, key=lambda pair: pair[0])[1]]
         return sorted(chosen, key=lambda block: (block.shard, block.start))
 
 

@@ -58,7 +58,7 @@ def test_a_power_limit_is_in_watts_everywhere(tmp_path: Path) -> None:
     assert points[-1].low < points[-1].size < points[-1].high
     assert points[-1].size == pytest.approx(25e3, rel=0.3)
     matrix_figure(result, tmp_path / "vehicles.png")
-    trend_figure(result.trends, claim.unit, tmp_path / "trend.png")
+    trend_figure(result.trends, claim.unit, {claim.car} - {""}, tmp_path / "trend.png")
     assert (tmp_path / "trend.png").stat().st_size > 1000
 
 

@@ -229,6 +229,43 @@ def test_a_comparison_knows_ties_and_places_that_touch() -> None:
     assert (status.count("new"), status.count("no longer claimed")) == (2, 2)
 
 
+def test_changes_of_one_effect_are_compared_with_the_nearest() -> None:
+    """Two trends of one car in another order; one of them is a step now, the other is mended."""
+    before: dict[str, Any] = result().as_dict()
+    ramp = next(c for c in before["claims"] if c["kind"] == "ramp")
+    later = {
+        **ramp, "onset_day": 40.0, "size": 9.0, "low": 8.0, "high": 10.0,
+        "level": "growing from day 40 on in car03",
+    }  # fmt: skip
+    before["claims"] = [ramp, later]
+    after = {**before, "claims": [later, ramp]}
+    assert {row[4] for row in compared_claims(before, after)} >= {"unchanged"}
+    assert "changed" not in {row[4] for row in compared_claims(before, after)}
+    after["claims"] = [{**later, "kind": "step", "level": "from day 41 on in car03"}]
+    rows = [row[2:] for row in compared_claims(before, after)]
+    assert [row[2] for row in rows[:2]] == ["no longer claimed", "unchanged"]
+    # A tie at another level is another claim.
+    claims: Any = result().as_dict()["claims"]
+    shared = next(c for c in claims if c["effect"] == "aero_drag")
+    other = {**shared, "effect": "headwind", "parameter": "wind_x"}
+    tied = [{**shared, "ties": ["headwind (car03)"]}]
+    rows = compared_claims({**before, "claims": tied}, {**before, "claims": [other]})
+    assert [row[4] for row in rows[:1]] == ["no longer claimed"]
+
+
+def test_recordings_that_did_not_improve_are_not_listed_so(tmp_path: Path) -> None:
+    before = result().as_dict()
+    after: dict[str, Any] = deepcopy(before)
+    text = write_comparison(before, before, tmp_path).read_text()
+    assert "None differs" in text
+    assert "Most improved" not in text
+    for recording in after["recordings"]:
+        recording["loss_before"] += 1.0
+    text = write_comparison(before, after, tmp_path).read_text()
+    assert "Most improved" not in text
+    assert "Worse" in text
+
+
 def test_no_model_replaces_that_of_another_car() -> None:
     found = result()
     claim = next(c for c in found.claims if c.car)

@@ -113,3 +113,19 @@ def test_a_window_is_reproducible_and_depends_on_the_seed() -> None:
 def test_neighbouring_blocks_are_read_together() -> None:
     window = BlockWindows(blocks("town", 400), 3000.0).window(0)
     assert window == sorted(window, key=lambda block: (block.shard, block.start))
+
+
+def test_conditions_with_less_than_a_block_in_a_window_take_turns() -> None:
+    """Of 380 conditions with five blocks each, a window of an hour has 120 blocks."""
+    every = [block for i in range(380) for block in blocks(f"c{i}", 5)]
+    windows = BlockWindows(every, 3600.0)
+    sizes = [len(windows.window(number)) for number in range(windows.count)]
+    assert max(sizes) <= 130
+    seen = Counter(block for number in range(windows.count) for block in windows.window(number))
+    assert max(seen.values()) == 1
+    assert len(seen) > 0.95 * len(every)
+
+
+def test_a_window_of_less_than_half_a_block_has_one() -> None:
+    windows = BlockWindows(blocks("town", 5), 10.0)
+    assert all(len(windows.window(number)) == 1 for number in range(windows.count))
