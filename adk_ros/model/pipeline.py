@@ -172,7 +172,7 @@ class Pipeline:
             if sample.flags & _RESTART:
                 self.restarts += 1
                 self.decoder.reset()
-                self.planned.reset()
+                self.planned.restart(sample.stamp_ns)
             self.last_sample = sample
             self.plausibility.add(sample)
             prediction = self.predictor.step(sample)

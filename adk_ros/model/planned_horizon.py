@@ -58,6 +58,7 @@ class PlanStatus(Enum):
     FOLLOWED = "followed"
     NOT_PLANNED = "held: the plan has no such command"
     STALE = "held: the plan is older than plan_timeout_s"
+    NOT_BEGUN = "held: the plan begins later than it can be compared with the commands"
     OUT_OF_REACH = "held: the plan does not reach beyond the present sample"
     CONTRADICTED = "held: the commands in force contradict the plan"
     NOT_DRIVABLE = "held: under the plan the prediction is not drivable"
@@ -103,6 +104,17 @@ class PlannedHorizon:
         self._errors.reset()
         self._forget_deviations()
         self.status = [PlanStatus.NONE, PlanStatus.NONE]
+
+    def restart(self, stamp_ns: int) -> None:
+        """
+        Begin afresh at a sample after a pause or a jump of the clock.
+
+        A plan of this time stays: a planner may send one only when it changes.
+        """
+        plan = self._plan
+        self.reset()
+        if plan is not None and abs(stamp_ns - plan.stamp_ns) <= self._timeout_ns:
+            self._plan = plan
 
     def interrupt(self) -> None:
         """Note a sample without a prediction: horizons on both sides are not compared."""
@@ -152,7 +164,7 @@ class PlannedHorizon:
         self._promise(sample, planned)
         for c in range(2):
             known = np.flatnonzero(np.isfinite(planned[1:, c])) + 1
-            self.status[c] = self._status(c, stale, known.size)
+            self.status[c] = self._status(c, stale, known)
             if self.status[c] is not PlanStatus.FOLLOWED:
                 continue
             out[known, c] = planned[known, c]
@@ -160,14 +172,17 @@ class PlannedHorizon:
             reach[c] = known[-1] + 1
         return out, reach
 
-    def _status(self, c: int, stale: bool, known: int) -> PlanStatus:
+    def _status(self, c: int, stale: bool, known: IntArray) -> PlanStatus:
         assert self._plan is not None
         if not np.isfinite(self._plan.commands[:, c]).any():
             return PlanStatus.NOT_PLANNED
         if stale:
             return PlanStatus.STALE
-        if not known:
+        if not known.size:
             return PlanStatus.OUT_OF_REACH
+        if known[0] > COMPARED_STEPS:
+            # Its clock may be ahead: what it says would never be checked.
+            return PlanStatus.NOT_BEGUN
         planned, held = self._deviations[:, c]
         if planned > max(_LEAST_GAIN * held, _NEGLIGIBLE**2):
             return PlanStatus.CONTRADICTED

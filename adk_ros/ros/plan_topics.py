@@ -27,7 +27,7 @@ from adk_ros.ros.path_message import PathBytes
 from adk_ros.ros.session import message_class
 from adk_ros.signals.channels import INPUT_NAMES, TICK_NS, Source
 from adk_ros.signals.command_plan import plan_types
-from adk_ros.signals.frames import odometry_velocity, pose_of
+from adk_ros.signals.frames import odometry_covariance, odometry_velocity, pose_of
 
 POSE_NAMES = ("x", "y", "yaw")
 _TICK_S = TICK_NS * 1e-9
@@ -96,7 +96,11 @@ class PlanTopics:
             height = z if math.isfinite(z) else 0.0
             self._path_out.send(self._path.fill(prediction.origin_ns, poses, height))
         if self._covariance_out.is_read and self._covariance is not None:
-            covariance = pose_covariance(poses, horizon, prediction.horizon_covariance)
+            sensors = self._core.sensors
+            at_base = odometry_covariance(
+                prediction.horizon_covariance, sensors.reference_point, sensors.odometry_rotation
+            )
+            covariance = pose_covariance(poses, horizon, at_base)
             self._covariance_out.send(self._covariance.fill(prediction.origin_ns, covariance))
 
     def _note_used(self) -> None:

@@ -253,12 +253,13 @@ class Aligner:
         if steering_at is not None:
             if self._is_fresh(steering_at, tick_ns):
                 u = (u[0], steering_at.values[0])
-            else:
+            elif tick_ns - steering_at.stamp_ns <= self._timeout_ns:
                 flags |= _COMMAND_STALE
 
         a, gyro = _NAN2, None
         imu_at = imu.at_or_before(tick_ns) if imu else None
-        if imu_at is None:
+        if imu_at is None or tick_ns - imu_at.stamp_ns > self._timeout_ns:
+            # One that has stopped is as none: what is learned from odometry is right again.
             flags |= _NO_IMU
         elif not self._is_fresh(imu_at, tick_ns):
             flags |= _IMU_STALE

@@ -61,7 +61,7 @@ class Flag(IntFlag):
 
     OK = 0
     NO_IMU = 1
-    """State from odometry only; not a fault if the vehicle has no IMU."""
+    """State from odometry only, also an `odometry_timeout_s` after the last IMU reading."""
     IMU_STALE = 2
     """No IMU reading for longer than three of its periods."""
     ODOMETRY_STALE = 4

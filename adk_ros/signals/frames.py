@@ -90,6 +90,14 @@ def odometry_velocity(
     return shifted @ rotation(0.0, 0.0, axes)
 
 
+def odometry_covariance(
+    covariance: FloatArray, reference_point: tuple[float, float], axes: float
+) -> FloatArray:
+    """Return the covariances (n, 3, 3) of what `odometry_velocity` returns, from those given."""
+    moved = odometry_velocity(np.eye(3), reference_point, axes).T
+    return moved @ covariance @ moved.T
+
+
 class LeverArm:
     """
     Transforms specific force from an IMU at (x, y) m from the reference point to that point.

@@ -175,10 +175,14 @@ def _judge_reading(reading: FloatArray, chi2: float, gate: GateArrays, outcome: 
     values, variances = reading[3:6], reading[6:9]
     fraction = min(max(after_s / _TICK_S, _MIN_FRACTION), _MAX_FRACTION)
     innovation, exceeds = np.empty(3), np.zeros(3, dtype=np.bool_)
+    # Beyond that range, the expectation lies between the line's end and its continuation.
+    beyond = after_s / _TICK_S - fraction
     worst, channel, bound = 1.0, -1, 0.0
     for c in range(3):
         e = values[c] - gate.level[stream, c] - fraction * gate.slope[stream, c]
         innovation[c] = e
+        change = abs(beyond * gate.slope[stream, c])
+        e -= min(max(e, -change), change)
         allowed = gate.mean_square[stream, c] + gate.floor[stream, c] + gate.growth[stream, c]
         if variances[c] > gate.reported[stream, c]:
             allowed += variances[c] - gate.reported[stream, c]
@@ -187,8 +191,13 @@ def _judge_reading(reading: FloatArray, chi2: float, gate: GateArrays, outcome: 
             worst, channel, bound = e * e / (chi2 * allowed), c, np.sqrt(chi2 * allowed)
     if channel < 0:
         gate.n_refused[stream] = 0
+        if beyond != 0.0:
+            return ACCEPTED
         gate.n_accepted[stream] += 1
-        elapsed_s = min(max(now_s - gate.last_s[stream], 0.0), _MEMORY_S)
+        elapsed_s = max(now_s - gate.last_s[stream], 0.0)
+        if elapsed_s > _MEMORY_S:
+            # After a pause, one reading does not replace all that was learned before.
+            elapsed_s = 0.0
         gate.last_s[stream] = now_s
         gain = max(elapsed_s / _MEMORY_S, 1.0 / gate.n_accepted[stream])
         for c in range(3):

@@ -72,9 +72,15 @@ class StampMonitor:
             pairs.popleft()
 
     def least_delay_ns(self, now_ns: int) -> int | None:
-        """Return the smallest recent delay of any stream, ns; None before the first message."""
-        recent = [_recent(list(pairs), now_ns) for pairs in self._pairs if pairs]
-        delays = [arrival - stamp for pairs in recent for stamp, arrival in pairs]
+        """
+        Return the smallest recent delay of any stream, ns; None before the first message.
+
+        Single stamps that are far ahead of those of their stream do not count.
+        """
+        delays = []
+        for pairs in self._pairs:
+            own = [arrival - stamp for stamp, arrival in _recent(list(pairs), now_ns)]
+            delays += [delay for delay in own if delay > median(own) - _JUMP_NS]
         return min(delays, default=None)
 
     def statistics(self, now_ns: int) -> dict[Source, StreamStamps]:

@@ -248,3 +248,28 @@ def test_a_coasted_sample_follows_the_plan() -> None:
     assert np.isfinite(planned.horizon).all()
     car.planned.interrupt()
     assert car.status() == [PlanStatus.FOLLOWED] * 2
+
+
+def test_a_plan_that_begins_later_than_it_is_compared_is_not_followed() -> None:
+    """Its stamps are ahead of the sensors': what it says of the next 0.25 s is never known."""
+    car = Car()
+    car.drive(100)
+    car.plan(100, car.true(100, 60), first=11)
+    held, planned = car.step(100)
+    assert planned is held
+    assert car.status() == [PlanStatus.NOT_BEGUN] * 2
+    car.plan(101, car.true(101, 60), first=10)
+    car.step(101)
+    assert car.status() == [PlanStatus.FOLLOWED] * 2
+
+
+@pytest.mark.parametrize(("timeout_s", "stays"), [(0.5, False), (10.0, True)])
+def test_a_plan_of_this_time_survives_a_restart(timeout_s: float, stays: bool) -> None:
+    car = Car(timeout_s)
+    car.drive(100)
+    car.plan(100, car.true(100, 60))
+    car.planned.restart(car.samples[140].stamp_ns)
+    for k in range(140, 160):
+        car.predictor.step(car.samples[k])
+    car.step(160)
+    assert (car.status() != [PlanStatus.NONE] * 2) is stays

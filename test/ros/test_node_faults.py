@@ -338,7 +338,9 @@ def test_imu_timeout(rig: Rig) -> None:
     assert report.level is Level.WARN
     assert "IMU timeout (" in report.message
     assert "yaw rate from odometry" in report.message
-    assert value(report, "ticks_imu_stale") > 150
+    # After half a second the vehicle counts as one without an IMU, and the model adapts again.
+    assert 15 <= value(report, "ticks_imu_stale") <= 25
+    assert value(report, "ticks_no_imu") > 150
     assert len(rig.published) - published > 190
     assert_recovered(rig)
 

@@ -47,8 +47,12 @@ def test_one_topic_stops_for_two_seconds(source: Source) -> None:
     samples = align_samples(without(in_order(drive(8.0)), source, 3.0, 5.0))
     assert_grid(samples)
     assert flags(between(samples, 0.5, 3.02)) == {0}
-    affected = between(samples, 3.1, 5.0)
+    affected = between(samples, 3.1, 3.45 if source is Source.IMU else 5.0)
     assert all(s.flags & STALE[source] and not s.learnable for s in affected)
+    if source is Source.IMU:
+        # Then it counts as a vehicle without one.
+        assert flags(between(samples, 3.55, 5.0)) == {Flag.NO_IMU}
+        affected = between(samples, 3.1, 5.0)
     assert flags(between(samples, 5.1, 7.9)) == {0}
     assert np.abs(errors(between(samples, 5.1, 7.9))).max() < 1e-3
     if source is Source.ODOMETRY:
@@ -94,6 +98,10 @@ def test_one_topic_stops_for_good(source: Source) -> None:
     samples = align_samples(without(in_order(drive(30.0)), source, 3.0, 99.0))
     assert_grid(samples)
     assert seconds(samples[-1]) > 29.9
+    if source is Source.IMU:
+        later = between(samples, 3.55, 30.0)
+        assert all(s.flags == Flag.NO_IMU and s.learnable for s in later)
+        return
     assert all(s.flags & STALE[source] for s in between(samples, 3.1, 30.0))
     assert any(s.flags & Flag.COASTING for s in samples) == (source is Source.ODOMETRY)
 
@@ -107,7 +115,8 @@ def test_two_topics_stop(left: Source) -> None:
     samples = align_samples(readings)
     assert_grid(samples)
     for source in STANDARD_SOURCES:
-        stale = [bool(s.flags & STALE[source]) for s in between(samples, 3.1, 6.0)]
+        stops = STALE[source] | (Flag.NO_IMU if source is Source.IMU else 0)
+        stale = [bool(s.flags & stops) for s in between(samples, 3.1, 6.0)]
         assert set(stale) == {source is not left}
     assert flags(between(samples, 6.1, 8.9)) == {0}
 

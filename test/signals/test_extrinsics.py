@@ -20,7 +20,7 @@ from adk_ros.signals.extrinsics import (
     roll_pitch_yaw,
     with_extrinsics,
 )
-from adk_ros.signals.frames import rotation
+from adk_ros.signals.frames import odometry_covariance, odometry_velocity, rotation
 
 ANGLES = [
     (0.0, 0.0, 0.0),
@@ -157,3 +157,14 @@ def test_the_text_names_position_and_angles() -> None:
     assert extrinsics_text(sensors) == (
         "IMU at (1.25, 0) m, rotated by (180, 0, 0)° (roll, pitch, yaw): /tf_static"
     )
+
+
+def test_the_covariance_moves_with_the_velocities() -> None:
+    """Of a twist at the rear axle, whose lateral velocity has the yaw rate's error times 1.4 m."""
+    rng = np.random.default_rng(0)
+    root = np.array([[0.1, 0.0, 0.0], [0.02, 0.05, 0.0], [0.0, 0.01, 0.05]])
+    drawn = rng.normal(size=(200_000, 3)) @ root.T
+    at_base = odometry_velocity(drawn, (1.4, 0.2), 1.2)
+    found = odometry_covariance((root @ root.T)[None], (1.4, 0.2), 1.2)
+    assert found.shape == (1, 3, 3)
+    np.testing.assert_allclose(found[0], np.cov(at_base.T), rtol=0.03, atol=1e-4)

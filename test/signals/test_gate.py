@@ -195,3 +195,24 @@ def test_settings_out_of_range(make: Callable[[], GateSettings], text: str) -> N
 def test_a_gate_can_be_switched_off() -> None:
     gate = trained(GateSettings(false_rejection=0.0))
     assert gate.accepts(odometry(100, 1e9, 0.0, 0.0))
+
+
+def test_late_readings_in_hard_braking_are_accepted() -> None:
+    """Readings of 0.2 s ago, 1 m/s faster: the line is followed two ticks back only."""
+    gate, braking = trained(), np.array([-0.125, 0.0, 0.0])
+    for k in range(100, 140):
+        state = STATE + (k - 100) * braking
+        gate.expect(k * TICK_NS, state, state + braking, NONE)
+        assert gate.accepts(odometry(k - 8, *(state - 8.0 * braking)))
+        # What the change does not explain is rejected, late or not.
+        assert not gate.accepts(odometry(k - 8, *(state + np.array([2.0, 0.0, 0.0]))))
+        assert gate.accepts(odometry(k, *state))
+
+
+def test_one_reading_after_a_pause_does_not_replace_what_was_learned() -> None:
+    gate, off = trained(), np.array([bound(0), 0.0, 0.0])
+    gate.expect(300 * TICK_NS, STATE, STATE, NONE)
+    assert gate.accepts(odometry(300, *(STATE + 0.8 * off)))
+    # With a mean square of that one reading, four times the bound would pass.
+    gate.expect(301 * TICK_NS, STATE, STATE, NONE)
+    assert not gate.accepts(odometry(301, *(STATE + 2.0 * off)))

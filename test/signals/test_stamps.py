@@ -85,3 +85,11 @@ def test_fast_and_slow_streams_are_compared_over_the_same_time() -> None:
             monitor.see(source, 2 * arrival_ns, arrival_ns)
     found = monitor.statistics(3_000 * MS)
     assert found[IMU].delay_s == pytest.approx(found[ODOMETRY].delay_s, abs=0.03)
+
+
+def test_a_single_stamp_of_another_century_is_no_delay() -> None:
+    monitor = StampMonitor()
+    for k in range(20):
+        stamp_ns = k * 100_000_000 if k != 15 else 70 * 365 * 86_400 * 10**9
+        monitor.see(Source.ODOMETRY, stamp_ns, k * 100_000_000 + 80_000_000)
+    assert monitor.least_delay_ns(20 * 100_000_000) == 80_000_000

@@ -4,8 +4,9 @@
 Corrected models of a fleet: the simulation's surrogate with the claimed effects of a level.
 
 For all cars those that all cars share; for a car with claims also its own, with a trend at its
-last recording; for a condition also those of the condition. Other cars have the model of all. Sensor faults are no part of a vehicle. Places are
-listed in the result and not exported: a term at a place needs the line of a lap.
+last recording; for a condition also those of the condition. Other cars have the model of all.
+Sensor faults are no part of a vehicle. Places are listed in the result and not exported: a term at
+a place needs the line of a lap.
 """
 
 from __future__ import annotations
