@@ -33,7 +33,11 @@ from adk_ros.calibration.pedals import check_pedals
 from adk_ros.calibration.reference_point import check_reference_point
 from adk_ros.calibration.road import check_road
 from adk_ros.calibration.satellite import check_receiver
-from adk_ros.calibration.signs_and_units import check_gyro, check_odometry
+from adk_ros.calibration.signs_and_units import (
+    check_gyro,
+    check_odometry,
+    independent_turning,
+)
 from adk_ros.calibration.steering import check_sign, check_steering
 from adk_ros.calibration.stream_checks import check_streams
 from adk_ros.calibration.streams import Streams
@@ -137,6 +141,9 @@ def correct_signs(
     if s is None:
         text = "the stamps of the streams do not overlap: they are of different clocks"
         remedy = "stamp all messages with one clock"
+        if not streams.present():
+            text = "no stream has ten messages with usable stamps"
+            remedy = "fill header.stamp of every message, and record longer"
         findings.append(found("clocks", text, "first and last stamps", remedy=remedy))
         return streams, sensors, findings
     # A speed in km/h is no standstill, but one without any motion has nothing to compare.
@@ -149,7 +156,9 @@ def correct_signs(
     found_here, streams = check_gravity(streams, s)
     findings += found_here
     s = _again(streams, unusable, s)
-    found_here, streams = check_axes(streams, s, sensors)
+    # A gyro whose sign is wrong must not say which way a_y points.
+    by_pose = replace(s, heading_rate=independent_turning(s))
+    found_here, streams = check_axes(streams, by_pose, sensors)
     findings += found_here
     s = _again(streams, unusable, s)
     for finding, corrected in check_gyro(streams, s):
@@ -157,8 +166,9 @@ def correct_signs(
         streams = corrected
     findings, sensors = with_known_errors(findings, sensors)
     s = _again(streams, unusable, s)
-    wheelbase = _wheelbase(vehicle)
-    found_here, streams, sensors = check_sign(streams, s, sensors, wheelbase)
+    found_here, streams, sensors = check_sign(
+        streams, s, sensors, _wheelbase(vehicle), content.command_type
+    )
     return streams, sensors, findings + found_here
 
 
@@ -198,7 +208,9 @@ def _fine(
     points = list(check_reference_point(s, sensors, axles))
     is_known = not any(x.verdict is Verdict.FINDING for x in points)
     out += points
-    steering = check_steering(s, sensors, axles if is_known else None, wheelbase)
+    steering = check_steering(
+        s, sensors, axles if is_known else None, wheelbase, content.command_type
+    )
     out += [_unless_offset(x, late) for x in steering]
     radius = None if vehicle is None or "wheel_radius" in assumed else vehicle.wheel_radius
     mass = None if vehicle is None else vehicle.mass

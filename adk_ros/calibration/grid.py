@@ -107,12 +107,15 @@ def shifted(values: FloatArray, later_s: float) -> FloatArray:
 
 def on_grid(streams: Streams, unusable: Iterable[tuple[float, float]]) -> Signals | None:
     """
-    Return the signals on the time that all streams cover; None if they do not overlap.
+    Return the signals on the time that all streams cover; None if they do not overlap, or if there
+    is none.
 
     :param unusable: intervals (s) of gaps, frozen readings and jumps, which get weight zero
         together with `GUARD_S` around them.
     """
     present = streams.present()
+    if not present:
+        return None
     begin = max(float(x.at_s[0]) for x in present)
     end = min(float(x.at_s[-1]) for x in present)
     at = np.arange(begin, end, PERIOD_S)

@@ -68,14 +68,16 @@ def with_known_errors(
     difference of the delays of IMU and odometry is found: a further delay of one first shortens a
     known delay of the other.
     """
-    out = []
+    out, before = [], sensors
     for finding in findings:
         proposed: dict[str, Any] = {}
         for name, value in finding.parameters.items():
             if name in _OTHER_DELAY:
                 proposed |= _delays(name, value, sensors)
             else:
-                proposed[name] = _absolute(name, value, sensors) if name in CORRECTIONS else value
+                proposed[name] = (
+                    _absolute(name, value, sensors, before) if name in CORRECTIONS else value
+                )
         for name, known in proposed.items():
             change: dict[str, Any] = {name: tuple(known) if isinstance(known, list) else known}
             if name in CORRECTIONS or name == "imu_rotation":
@@ -95,11 +97,13 @@ def _delays(name: str, further_s: float, sensors: SensorConfig) -> dict[str, flo
     return {key: round(value, _DECIMALS) for key, value in changed.items()}
 
 
-def _absolute(name: str, value: Any, sensors: SensorConfig) -> Any:
+def _absolute(name: str, value: Any, sensors: SensorConfig, before: SensorConfig) -> Any:
     known = getattr(sensors, name)
     if name.endswith("_scale"):
         return round(known * value, _DECIMALS)
-    factor = getattr(sensors, _SCALE_OF[name]) if name in _SCALE_OF else 1.0
+    # Gyro and yaw rate are divided by the scale that is found before their bias is.
+    scaled = before if name == "accelerometer_bias" else sensors
+    factor = getattr(scaled, _SCALE_OF[name]) if name in _SCALE_OF else 1.0
     if isinstance(value, list):
         return [round(b + factor * x, _DECIMALS) for b, x in zip(known, value, strict=True)]
     return round(known + factor * value, _DECIMALS)

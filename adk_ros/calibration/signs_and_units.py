@@ -127,7 +127,7 @@ def _yaw_rates(streams: Streams, s: Signals) -> Iterator[tuple[Finding, Streams]
     unit.
     """
     channels = {
-        "the course of its position": s.course_rate,
+        _COURSE: s.course_rate,
         _HEADING: s.heading_rate,
         _YAW_RATE: s.yaw_rate,
         "the gyro": s.gyro,
@@ -149,7 +149,11 @@ def _yaw_rates(streams: Streams, s: Signals) -> Iterator[tuple[Finding, Streams]
         yield not_decidable("yaw_rate", "odometry's yaw rate is absent or constant"), streams
         return
     if _HEADING not in present:
-        if s.gyro is None:
+        if s.course_rate is not None and agreement(_COURSE, _YAW_RATE):
+            yield from _channel(
+                streams, "odometry", "yaw_rate", s.yaw_rate, s.course_rate, s, _COURSE, ("deg",)
+            )
+        elif s.gyro is None:
             reason = "neither a pose nor a gyro is there to compare it with"
             yield not_decidable("yaw_rate", reason), streams
         return
@@ -163,6 +167,21 @@ def _yaw_rates(streams: Streams, s: Signals) -> Iterator[tuple[Finding, Streams]
     )
 
 
+def independent_turning(s: Signals) -> FloatArray | None:
+    """
+    Return the best yaw rate (n,) that is none of the IMU's: of the heading, else of the course.
+
+    None without a pose, and where the course is too coarse to say how the car turns.
+    """
+    if s.heading_rate is not None or s.course_rate is None:
+        return s.heading_rate
+    for other in (s.yaw_rate, s.gyro):
+        g = None if other is None else gain(other, s.course_rate, s.moving)
+        if g is not None and abs(g.correlation) >= MIN_CORRELATION:
+            return s.course_rate
+    return None
+
+
 def check_gyro(streams: Streams, s: Signals) -> Iterator[tuple[Finding, Streams]]:
     """Yield the finding on sign and unit of the gyro, with the streams corrected."""
     if s.gyro is None:
@@ -172,10 +191,19 @@ def check_gyro(streams: Streams, s: Signals) -> Iterator[tuple[Finding, Streams]
     if s.heading_rate is not None:
         yield from _channel(streams, "imu", "w_z", s.gyro, s.heading_rate, s, _HEADING, ("deg",))
         return
+    by_course = None if s.course_rate is None else gain(s.gyro, s.course_rate, s.moving)
+    if by_course is not None and abs(by_course.correlation) >= MIN_CORRELATION:
+        yield from _channel(streams, "imu", "w_z", s.gyro, s.course_rate, s, _COURSE, ("deg",))
+        return
     if s.yaw_rate is None:
         yield not_decidable("w_z", "odometry has neither a pose nor a yaw rate"), streams
         return
     g = gain(s.gyro, s.yaw_rate, s.moving)
+    if g is not None and g.correlation <= -MIN_CORRELATION:
+        reason = "its sign is opposite to odometry's yaw rate, and no pose says which is right"
+        evidence = f"ratio of the gyro's yaw rate to odometry's: {g.value:.3g}"
+        yield not_decidable("w_z", reason, evidence), streams
+        return
     if g is not None and unit_of(1.0 / g.value, ("deg",)) is not None:
         # Of two yaw rates the one 57.3 times the other is in degrees.
         yield from _channel(
@@ -186,6 +214,7 @@ def check_gyro(streams: Streams, s: Signals) -> Iterator[tuple[Finding, Streams]
 
 
 _HEADING, _YAW_RATE = "the rate of its heading", "odometry's yaw rate"
+_COURSE = "the course of its position"
 _PARAMETERS = {"v_x": "odometry_scale", "yaw_rate": "yaw_rate_scale", "w_z": "gyro_scale"}
 _TITLES = {
     "v_x": "odometry's v_x",

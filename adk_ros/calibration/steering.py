@@ -47,6 +47,8 @@ _HAND_WHEEL_RATIO = (5.0, 35.0)
 """Hand-wheel angle over road-wheel angle: of race cars to heavy trucks (M. Abe, Vehicle Handling
 Dynamics, 2015, section 5: 15 to 20 for passenger cars)."""
 _DEGREES = 180.0 / np.pi
+_LONGEST_WHEELBASE_M = 25.0
+"""No car has one."""
 _COARSE_TOLERANCE = 0.35
 """|ln| within which a ratio is that of a unit before anything else is known."""
 
@@ -56,9 +58,13 @@ _WITH_RATIO = "joint_state"
 
 
 def check_sign(
-    streams: Streams, s: Signals, sensors: SensorConfig, wheelbase: float | None
+    streams: Streams, s: Signals, sensors: SensorConfig, wheelbase: float | None, command_type: str
 ) -> tuple[list[Finding], Streams, SensorConfig]:
-    """Return findings on sign and unit of the steering, and streams and sensors with them."""
+    """
+    Return findings on sign and unit of the steering, and streams and sensors with them.
+
+    :param command_type: of the recording, which need not be the configured one.
+    """
     if streams.command is None:
         return [], streams, sensors
     if s.steering is None:
@@ -89,21 +95,32 @@ def check_sign(
         if unit:
             factor *= size
             texts.append(f"the steering angle looks like {unit}")
-    elif length > 25.0:
-        # No car has a wheelbase of 25 m; what it is cannot be said without one.
+    elif length > _LONGEST_WHEELBASE_M:
+        # What it is cannot be said without the wheelbase.
         reason = f"the steering angle is {length:.0f} m times the curvature: give --vehicle"
         texts.append(f"{reason}, it is no road-wheel angle in rad")
     if not texts:
         return [ok("steering", "sign and unit", evidence)], streams, sensors
     ratio = sensors.steering_ratio * factor
     # Other commands state the angle of the road wheels: no parameter of theirs corrects it.
-    has_ratio = sensors.command_type == _WITH_RATIO
-    proposal = {"steering_ratio": round(ratio, 4)} if factor != 1.0 and has_ratio else {}
+    has_ratio = command_type == _WITH_RATIO
+    proposal = {}
+    if factor != 1.0 and has_ratio:
+        proposal = {"steering_ratio": round(ratio, 4)}
+        if sensors.steering_offset:
+            # It is the offset of what is divided by the ratio.
+            proposal["steering_offset"] = round(sensors.steering_offset / factor, 6)
     command = streams.command.having(steering=streams.command["steering"] / factor)
     return (
         [found("steering", "; ".join(texts), evidence, proposal)],
         replace(streams, command=command),
-        replace(sensors, steering_ratio=ratio) if has_ratio else sensors,
+        (
+            replace(
+                sensors, steering_ratio=ratio, steering_offset=sensors.steering_offset / factor
+            )
+            if has_ratio
+            else sensors
+        ),
     )
 
 
@@ -121,13 +138,18 @@ def _unit(ratio: float) -> tuple[str, float]:
 
 
 def check_steering(
-    s: Signals, sensors: SensorConfig, vehicle: Dimensions | None, wheelbase: float | None
+    s: Signals,
+    sensors: SensorConfig,
+    vehicle: Dimensions | None,
+    wheelbase: float | None,
+    command_type: str,
 ) -> Iterator[Finding]:
     """
     Yield ratio, offset and delay of the steering.
 
     :param vehicle: gives the place of the front axle; None where it is not known, or where v_y is
         not that of the configured reference point.
+    :param command_type: as for `check_sign`.
     """
     if s.steering is None or s.v_x is None or s.turning is None:
         return
@@ -145,6 +167,7 @@ def check_steering(
         yield not_decidable("steering_ratio", reason, evidence)
         return
     length = fit.regression.estimate(0)
+    gain_left = 1.0
     if wheelbase is None:
         yield Finding(
             "steering_ratio",
@@ -159,23 +182,36 @@ def check_steering(
             seconds=length.seconds,
         )
     else:
-        ratio = _ratio(length.divided(wheelbase), front, sensors, evidence)
-        yield _unless_weighted(ratio, s, fit.delay.value, wheelbase)
+        ratio = _ratio(length.divided(wheelbase), front, sensors, evidence, command_type)
+        ratio = _unless_weighted(ratio, s, fit.delay.value, wheelbase)
+        yield ratio
+        if "steering_ratio" in ratio.parameters:
+            gain_left = length.value / wheelbase
     text = (
         "the car drives straight ahead at a steering angle (a cross slope of the straights and an "
         "asymmetric set-up look the same)"
     )
     offset = fit.regression.estimate(2)
-    proposal = {"steering_offset": offset.value}
+    # A reading of c delta + o is corrected by the ratio c and the offset o / c at the road wheels.
+    proposal = {"steering_offset": offset.value / gain_left}
+    if wheelbase is None and length.value > _LONGEST_WHEELBASE_M:
+        proposal = {}
     yield judged("steering_offset", offset, 0.0, text, evidence, parameters=proposal)
     yield _delay(fit, front, evidence)
 
 
 def _ratio(
-    ratio: Estimate, front: SteeringFit | None, sensors: SensorConfig, evidence: str
+    ratio: Estimate,
+    front: SteeringFit | None,
+    sensors: SensorConfig,
+    evidence: str,
+    command_type: str,
 ) -> Finding:
     proposal = {"steering_ratio": round(sensors.steering_ratio * ratio.value, 4)}
-    if sensors.command_type != _WITH_RATIO:
+    if sensors.steering_offset:
+        # Relative to the known one (`known_errors`): what is known is divided by the ratio too.
+        proposal["steering_offset"] = sensors.steering_offset * (1.0 / ratio.value - 1.0)
+    if command_type != _WITH_RATIO:
         proposal = {}
     text = "steer joint angle over road-wheel angle"
     out = judged("steering_ratio", ratio, 1.0, text, evidence, parameters=proposal)

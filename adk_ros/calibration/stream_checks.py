@@ -88,9 +88,10 @@ def _constant(name: str, stream: Stream) -> Iterator[Finding]:
 def _interrupted(
     name: str, stream: Stream, streams: Streams, unusable: list[Interval]
 ) -> Iterator[Finding]:
-    missing = gaps(stream)
+    missing = sorted({*gaps(stream), *stream.unknown})
     unusable += missing
-    text = _intervals_text(f"{stream.name} has no messages", missing)
+    lacking = "messages or values" if stream.unknown else "messages"
+    text = _intervals_text(f"{stream.name} has no {lacking}", missing)
     if missing:
         yield found(
             f"{name}_gaps", text, "intervals between stamps", remedy="data there are not used"

@@ -8,8 +8,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from adk_ros.calibration.criteria import MIN_GAP_PERIODS, MIN_GAP_S
 from adk_ros.calibration.streams import Stream
-from adk_ros.numerics.arrays import FloatArray
+from adk_ros.numerics.arrays import BoolArray, FloatArray
 
 MIN_MESSAGES = 10
 """Messages that a stream must have: fewer have no rate."""
@@ -45,19 +46,33 @@ def stream_of(
     """
     Return the stream of rows that `usable_rows` returned; None if they are too few.
 
+    Missing values are interpolated, and long runs of them noted; a channel that lacks most of its
+    values is NaN throughout.
+
     :param name: for messages. :param first: stamp from which times count, s.
     """
     table, disordered = found
     if table.shape[0] < MIN_MESSAGES:
         return None
-    values = {column: _without_nan(table[:, i + 1]) for i, column in enumerate(columns)}
-    return Stream(name, table[:, 0] - first, values, disordered)
+    at_s = table[:, 0] - first
+    values, unknown = {}, set()
+    for i, column in enumerate(columns):
+        known = np.isfinite(table[:, i + 1])
+        if known.mean() < 0.5:
+            values[column] = np.full_like(at_s, np.nan)
+            continue
+        values[column] = np.interp(at_s, at_s[known], table[known, i + 1])
+        unknown |= _long_gaps(at_s, known)
+    return Stream(name, at_s, values, disordered, tuple(sorted(unknown)))
 
 
-def _without_nan(values: FloatArray) -> FloatArray:
-    """Return a channel with single missing values held; NaN throughout if most are missing."""
-    known = np.isfinite(values)
-    if known.mean() < 0.5:
-        return np.full_like(values, np.nan)
-    at = np.arange(values.size, dtype=np.float64)
-    return np.interp(at, at[known], values[known])
+def _long_gaps(at_s: FloatArray, known: BoolArray) -> set[tuple[float, float]]:
+    """Return the intervals in which a channel is unknown for as long as a gap of a stream."""
+    ends = np.concatenate([at_s[:1], at_s[known], at_s[-1:]])
+    longest = max(MIN_GAP_S, MIN_GAP_PERIODS * float(np.median(np.diff(at_s))))
+    return {
+        (float(ends[i]), float(ends[i + 1]))
+        for i in np.flatnonzero(np.diff(ends) > longest)
+        if not known[(at_s > ends[i]) & (at_s < ends[i + 1])].any()
+        and ((at_s > ends[i]) & (at_s < ends[i + 1])).any()
+    }

@@ -24,13 +24,15 @@ class Stream:
 
     `name` for messages to users, `at_s` (n,): stamps, s from the first of all streams;
     `columns`: values (n,) by name, SI; a channel that is not reported is NaN throughout.
-    `disordered`: messages whose stamp was not later than the one before.
+    `disordered`: messages whose stamp was not later than the one before. `unknown`: intervals, s,
+    in which a channel that is otherwise reported has no value.
     """
 
     name: str
     at_s: FloatArray
     columns: Mapping[str, FloatArray]
     disordered: int = 0
+    unknown: tuple[tuple[float, float], ...] = ()
 
     def __getitem__(self, column: str) -> FloatArray:
         return self.columns[column]
@@ -47,7 +49,7 @@ class Stream:
 
     def having(self, **columns: FloatArray) -> Stream:
         """Return the stream with other values in some columns."""
-        return Stream(self.name, self.at_s, {**self.columns, **columns}, self.disordered)
+        return replace(self, columns={**self.columns, **columns})
 
     @property
     def period_s(self) -> float:

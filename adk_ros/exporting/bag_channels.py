@@ -19,8 +19,8 @@ from adk_ros.importing.map_file import ChannelMap
 from adk_ros.importing.source_channels import SourceChannel
 from adk_ros.signals.channels import Source
 from adk_ros.signals.commands import is_torque_estimated
-from adk_ros.signals.decode import MAX_VARIANCE
-from adk_ros.signals.frames import pose_of
+from adk_ros.signals.decode import MAX_VARIANCE, SensorConfig
+from adk_ros.signals.frames import pose_of, rotation
 from adk_ros.signals.velocity_messages import ODOMETRY as ODOMETRY_MESSAGE
 
 _OF_SOURCE = {
@@ -73,9 +73,9 @@ def read_bag_channels(
                 # Wheel speeds or a velocity over ground: the yaw rate is the gyro's.
                 values = {"v_x": values["v_x"]}
             elif reading.source is Source.ODOMETRY:
-                values = _without_unmeasured(values, msg) | _pose(msg)
+                values = _without_unmeasured(values, msg) | _pose(msg, reader.sensors)
             elif reading.source is Source.IMU:
-                values |= _imu_rest(msg)
+                values |= _imu_rest(msg, reader.sensors)
             elif reading.source is Source.COMMAND and is_torque_estimated(msg):
                 values["torque_estimated"] = values.pop("torque")
             rows.setdefault(stream, []).append((reading.stamp_ns, values))
@@ -126,9 +126,9 @@ def _without_unmeasured(values: dict[str, float], msg: Any) -> dict[str, float]:
     return {name: x for name, x in values.items() if covariance[index[name]] < MAX_VARIANCE}
 
 
-def _pose(msg: Any) -> dict[str, float]:
-    """Return the position and heading that an odometry message reports."""
-    x, y, heading = pose_of(msg)
+def _pose(msg: Any, sensors: SensorConfig) -> dict[str, float]:
+    """Return the position that an odometry message reports, and the heading of the vehicle."""
+    x, y, heading = pose_of(msg, sensors.odometry_rotation)
     values = {"x": (x, 0), "y": (y, 7), "z": (msg.pose.pose.position.z, 14)}
     values["heading"] = (heading, 35)
     covariance = msg.pose.covariance
@@ -137,22 +137,37 @@ def _pose(msg: Any) -> dict[str, float]:
     return {name: x for name, x in found.items() if name != "z" or x != 0.0}
 
 
-def _imu_rest(msg: Any) -> dict[str, float]:
-    """Return what an IMU message reports besides the channels of training and replay."""
-    force, rate = msg.linear_acceleration, msg.angular_velocity
+def _imu_rest(msg: Any, sensors: SensorConfig) -> dict[str, float]:
+    """
+    Return what an IMU message reports besides the channels of training and replay.
+
+    In the axes of the vehicle and in SI units, as those are decoded.
+    """
     forces, rates = msg.linear_acceleration_covariance, msg.angular_velocity_covariance
+    turn = rotation(*sensors.imu_rotation)
+    force, rate = (
+        (float(v.x), float(v.y), float(v.z))
+        for v in (msg.linear_acceleration, msg.angular_velocity)
+    )
     values = {}
     if forces[0] != -1.0 and forces[8] < MAX_VARIANCE:
-        values["a_z"] = float(force.z)
+        values["a_z"] = float(turn[2] @ force) / sensors.accelerometer_scale
+    turned = turn @ rate / sensors.gyro_scale
     for name, x, variance in (
-        ("roll_rate", rate.x, rates[0]),
-        ("pitch_rate", rate.y, rates[4]),
+        ("roll_rate", turned[0], rates[0]),
+        ("pitch_rate", turned[1], rates[4]),
     ):
         # Planar simulations write zeros.
-        if variance < MAX_VARIANCE and x != 0.0:
+        if variance < MAX_VARIANCE and any(rate[:2]):
             values[name] = float(x)
     q = msg.orientation
     if msg.orientation_covariance[0] != -1.0:
-        values["roll"] = math.atan2(2.0 * (q.w * q.x + q.y * q.z), 1.0 - 2.0 * (q.x**2 + q.y**2))
-        values["pitch"] = math.asin(max(-1.0, min(1.0, 2.0 * (q.w * q.y - q.z * q.x))))
+        # The world's vertical in the axes of the vehicle.
+        up = turn @ (
+            2.0 * (q.x * q.z - q.w * q.y),
+            2.0 * (q.y * q.z + q.w * q.x),
+            1.0 - 2.0 * (q.x**2 + q.y**2),
+        )
+        values["roll"] = math.atan2(up[1], up[2])
+        values["pitch"] = -math.asin(max(-1.0, min(1.0, up[0])))
     return values

@@ -32,7 +32,8 @@ def load_databases(paths: Sequence[Path]) -> Any:
     :raises UsageError: cantools is not installed, a file is missing or not a DBC file.
     """
     cantools = optional_library("cantools", "CAN logs")
-    database = cantools.database.Database()
+    # Overlapping signals, common in the files of manufacturers, concern other messages mostly.
+    database = cantools.database.Database(strict=False)
     for path in paths:
         try:
             content = path.read_bytes()

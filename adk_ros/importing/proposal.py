@@ -34,7 +34,7 @@ from adk_ros.importing.source_files import open_tables
 from adk_ros.importing.table import Table, as_numbers
 from adk_ros.importing.time_column import TimeGuess, guess_time
 from adk_ros.importing.unit_choice import Findings
-from adk_ros.importing.units import is_unit_of
+from adk_ros.importing.units import factor_to_si, is_unit_of
 from adk_ros.importing.velocity_choice import (
     USUAL_RADIUS,
     computed_position,
@@ -224,6 +224,10 @@ def _guess(
         reasons.append(found.flipped[name])
         if name in found.doubtful_signs:
             doubts.append("sign guessed")
+    if name in found.offsets:
+        entry["offset"] = round(found.offsets[name] / factor_to_si(entry["unit"], "rad"), 6)
+        reasons.append(found.reasons[name])
+        doubts.append("offset guessed")
     if name == "delta" and found.ratio is not None:
         if found.ratio != 1.0:
             entry["ratio"] = found.ratio

@@ -15,6 +15,11 @@ from adk_ros.numerics.arrays import FloatArray
 
 _MIN_SPEED = 0.15
 """Share of the top speed above which the path has a direction."""
+_STEADY = 0.7
+"""
+Length of the mean of unit vectors above which angles agree: a standard deviation of 48°, so that
+the mean of some seconds is the right one of four directions. By choice.
+"""
 
 
 def choose_signs(signals: Mapping[str, FloatArray], found: Findings) -> None:
@@ -43,6 +48,8 @@ def choose_signs(signals: Mapping[str, FloatArray], found: Findings) -> None:
                 if held.is_useful:
                     signs[name] = 1 if held.correlation > 0.0 else -1
     _flip(signs, found)
+    if "heading" in signs and "positions" in signs:
+        _align_heading(signals, v, found)
     if (
         "v_y" in signals
         and "yaw_rate" in found.flipped
@@ -95,8 +102,32 @@ def _flip(signs: dict[str, int], found: Findings) -> None:
         found.flipped["heading"] = "opposite to the turning of the positions"
 
 
-def _turning(signals: Mapping[str, FloatArray], v: FloatArray) -> FloatArray | None:
-    """Return the rate of turning of the path, left positive; None without positions."""
+def _align_heading(signals: Mapping[str, FloatArray], v: FloatArray, found: Findings) -> None:
+    """
+    Find the right angles by which a heading differs from the course of the positions.
+
+    A compass counts from north, and clockwise: a heading from east, to the left, is 90° minus it.
+    """
+    path = _course(signals)
+    if path is None:
+        return
+    sign = -1.0 if "heading" in found.flipped else 1.0
+    moving = np.abs(v) > _MIN_SPEED * np.abs(v).max()
+    heading = signals["heading"]
+    # In radians or in degrees, as it is: neither turns at 57 times the rate of the path.
+    rates = [float(np.median(np.abs(np.diff(x))[moving[1:]])) for x in (heading, np.unwrap(path))]
+    if rates[0] ** 2 > math.degrees(1.0) * rates[1] ** 2:
+        heading = np.radians(heading)
+    off = np.exp(1j * (path - sign * heading))[moving]
+    quarters = round(float(np.angle(off.mean())) / (0.5 * math.pi)) if off.size else 0
+    if quarters and abs(off.mean()) > _STEADY:
+        found.offsets["heading"] = sign * quarters * 0.5 * math.pi
+        found.reasons["heading"] = f"{90 * quarters:+d}° from the course of the positions"
+        found.doubtful_signs.add("heading")
+
+
+def _course(signals: Mapping[str, FloatArray]) -> FloatArray | None:
+    """Return the direction of the path from east, to the left, rad; None without positions."""
     if "x" in signals and "y" in signals:
         east, north = signals["x"], signals["y"]
     elif "latitude" in signals and "longitude" in signals:
@@ -104,6 +135,14 @@ def _turning(signals: Mapping[str, FloatArray], v: FloatArray) -> FloatArray | N
         east = signals["longitude"] * math.cos(math.radians(float(north.mean())))
     else:
         return None
-    course = np.unwrap(np.arctan2(np.gradient(north), np.gradient(east)))
+    return np.asarray(np.arctan2(np.gradient(north), np.gradient(east)))
+
+
+def _turning(signals: Mapping[str, FloatArray], v: FloatArray) -> FloatArray | None:
+    """Return the rate of turning of the path, left positive; None without positions."""
+    path = _course(signals)
+    if path is None:
+        return None
+    course = np.unwrap(path)
     moving = np.abs(v) > _MIN_SPEED * np.abs(v).max()
     return np.asarray(np.where(moving, np.gradient(course, STEP_S), 0.0))

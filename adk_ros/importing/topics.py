@@ -109,11 +109,11 @@ def _add_imu(given: dict[str, SourceChannel], outcome: Outcome, notes: list[str]
 
 def _add_odometry(given: dict[str, SourceChannel], outcome: Outcome, notes: list[str]) -> None:
     names = [name for name in CHANNELS if name in given and CHANNELS[name].stream == ODOMETRY]
+    has_imu = any(topic.msgtype == IMU_TYPE for topic in outcome.topics)
     if "v_x" not in given:
         for name in names:
             if name != "odometry_yaw_rate" or "a_x" not in given:
                 outcome.left_out[name] = "an odometry message also needs v_x"
-        has_imu = any(topic.msgtype == IMU_TYPE for topic in outcome.topics)
         if "yaw_rate" in given and not has_imu:
             outcome.left_out["yaw_rate"] = "needs v_x, or a_x and a_y"
         notes.append("no v_x: without odometry, nothing can be trained on or compared")
@@ -125,7 +125,10 @@ def _add_odometry(given: dict[str, SourceChannel], outcome: Outcome, notes: list
     stream = joined("odometry", [given[name] for name in names], notes)
     rate = given.get("odometry_yaw_rate")
     gyro = given.get("yaw_rate")
-    if rate is None and gyro is not None:
+    if rate is None and gyro is not None and has_imu:
+        # A copy would confirm every error of the gyro.
+        notes.append("no yaw rate but the gyro's: marked as not measured in odometry")
+    elif rate is None and gyro is not None:
         stream = _with_channel("odometry", stream, "odometry_yaw_rate", gyro, "v_x", notes)
     elif rate is None:
         notes.append("no yaw rate: written as 0 in odometry and marked as not measured")

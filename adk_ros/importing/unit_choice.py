@@ -46,6 +46,7 @@ class Findings:
     `flipped`: channels whose sign contradicts the others, and why; `doubtful_signs`: those of them
     that may be right. `ratio`: of a hand wheel, 1 of a road wheel, None if nothing is known of
     `delta`. `reference`: what the signs were compared with, empty if only with each other.
+    `offsets`: of angles, to be added before the sign, rad.
     """
 
     units: dict[str, str] = field(default_factory=dict)
@@ -57,6 +58,7 @@ class Findings:
     ratio_reason: str = ""
     is_ratio_certain: bool = False
     reference: str = ""
+    offsets: dict[str, float] = field(default_factory=dict)
 
 
 def choose_units(

@@ -95,7 +95,7 @@ def odometry_covariance(
 ) -> FloatArray:
     """Return the covariances (n, 3, 3) of what `odometry_velocity` returns, from those given."""
     moved = odometry_velocity(np.eye(3), reference_point, axes).T
-    return moved @ covariance @ moved.T
+    return np.asarray(moved @ covariance @ moved.T)
 
 
 class LeverArm:

@@ -11,6 +11,7 @@ import pytest
 from helpers.calibration import driven, existing
 
 from adk_ros.calibration.continuity import frozen, pose_jumps
+from adk_ros.calibration.stream_table import stream_of, usable_rows
 from adk_ros.calibration.streams import Stream
 
 SMALL = 0.1
@@ -50,3 +51,17 @@ def test_a_frozen_sensor_is_found_at_any_size(scale: float) -> None:
     ((begin, end),) = frozen(stream.having(**held), speed)
     assert begin == stream.at_s[at]
     assert end == stream.at_s[at + 199]
+
+
+def test_a_channel_without_values_for_long_is_not_used_there() -> None:
+    """A receiver without a fix for 4 s: its speed is no straight line between both ends."""
+    rows = [[0.1 * i + 1.0, 10.0 + 0.01 * i] for i in range(200)]
+    for i in range(100, 140):
+        rows[i][1] = np.nan
+    rows[20][1] = np.nan
+    stream = stream_of("odometry", usable_rows(rows, 20.0), ["v_x"], 1.0)
+    assert stream is not None
+    (interval,) = stream.unknown
+    assert interval == pytest.approx((9.9, 14.0))
+    assert stream["v_x"][20] == pytest.approx(10.2)
+    assert stream.having(v_x=stream["v_x"]).unknown == stream.unknown

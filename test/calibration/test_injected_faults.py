@@ -18,6 +18,7 @@ from helpers.calibration import (
     checked,
     displaced,
     driven,
+    existing,
     frozen,
     jumped,
     late,
@@ -329,3 +330,85 @@ def test_a_known_delay_that_is_too_long_is_shortened() -> None:
     streams = streams.with_stream("imu", without_known_errors(streams.imu, "imu", sensors))
     proposed = checked(streams, sensors=sensors).parameters
     assert proposed == {"imu_delay": pytest.approx(0.06, abs=0.004)}
+
+
+def without_heading(fault: Fault) -> Fault:
+    """Of positions without a heading, such as those of a satellite receiver."""
+
+    def apply(streams: Streams) -> Streams:
+        streams = fault(streams)
+        odometry = existing(streams, "odometry")
+        unknown = np.full(odometry.at_s.size, np.nan)
+        return replace(streams, odometry=odometry.having(heading=unknown))
+
+    return apply
+
+
+@pytest.mark.parametrize(
+    ("fault", "flipped"),
+    [
+        (scaled("odometry", 1.0, "v_x"), set()),
+        (scaled("odometry", -1.0, "yaw_rate"), {"yaw_rate"}),
+        (scaled("imu", -1.0, "w_z"), {"w_z"}),
+    ],
+)
+def test_the_course_of_positions_says_which_yaw_rate_is_flipped(
+    fault: Fault, flipped: set[str]
+) -> None:
+    found = findings(without_heading(fault))
+    assert {name for name in ("yaw_rate", "w_z", "steering", "imu_axes") if name in found} == (
+        flipped
+    )
+
+
+def test_without_a_third_yaw_rate_nobody_says_which_is_flipped() -> None:
+    def without_pose(streams: Streams) -> Streams:
+        streams = scaled("imu", -1.0, "w_z")(streams)
+        odometry = existing(streams, "odometry")
+        unknown = np.full(odometry.at_s.size, np.nan)
+        return replace(streams, odometry=odometry.having(x=unknown, y=unknown, heading=unknown))
+
+    (gyro,) = [x for x in result(without_pose).findings if x.name == "w_z"]
+    assert gyro.verdict is Verdict.NOT_DECIDABLE
+    assert "opposite to odometry's yaw rate" in gyro.text
+    assert not gyro.parameters
+
+
+def test_a_steering_offset_is_that_of_the_road_wheels() -> None:
+    """A servo that turns 1.4 times the angle of the wheels, with an offset of 0.028 rad of it."""
+    fault = added("command", steering=0.028)
+    turned = result(lambda streams: fault(scaled("command", 1.4, "steering")(streams)))
+    assert turned.parameters["steering_ratio"] == pytest.approx(1.4, rel=0.03)
+    assert turned.parameters["steering_offset"] == pytest.approx(0.02, abs=0.002)
+    # The reading is then corrected for both, whatever was known before.
+    known = SensorConfig(steering_ratio=2.0, steering_offset=0.01)
+    again = checked(fault(scaled("command", 1.4, "steering")(driven())), sensors=known)
+    assert again.parameters["steering_ratio"] == pytest.approx(2.8, rel=0.03)
+    assert again.parameters["steering_offset"] == pytest.approx((0.01 + 0.028) / 1.4, abs=0.002)
+
+
+def test_a_command_of_another_type_than_configured_gets_no_ratio() -> None:
+    streams = scaled("command", -1.0, "steering")(driven())
+    found = {x.name: x for x in checked(streams, command_type="ackermann").findings}
+    assert found["steering"].verdict is Verdict.FINDING
+    assert "steering_ratio" not in found["steering"].parameters
+
+
+def test_a_bias_next_to_a_scale_is_in_the_unit_of_the_reading() -> None:
+    """A reading of 1.2 a + 0.3: the bias is 0.3, not 1.2 times that."""
+    proposals = [
+        found("a_scale", "", "", {"accelerometer_scale": 1.2}),
+        found("a_bias", "", "", {"accelerometer_bias": [0.3, 0.0]}),
+        found("g_scale", "", "", {"gyro_scale": 1.1}),
+        found("g_bias", "", "", {"gyro_bias": 0.01}),
+    ]
+    _, sensors = with_known_errors(proposals, SensorConfig(accelerometer_scale=2.0))
+    assert sensors.accelerometer_scale == pytest.approx(2.4)
+    assert sensors.accelerometer_bias == pytest.approx((0.6, 0.0))
+    assert sensors.gyro_bias == pytest.approx(0.011)
+
+
+def test_a_recording_without_usable_stamps_is_said() -> None:
+    nothing = replace(driven(), imu=None, odometry=None, command=None)
+    found = {x.name: x for x in checked(nothing).findings}
+    assert "no stream has ten messages with usable stamps" in found["clocks"].text

@@ -5,10 +5,12 @@
 from __future__ import annotations
 
 import json
+import math
 import shutil
 import xml.etree.ElementTree as ElementTree
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -24,12 +26,14 @@ from adk_ros.api.kernel_calls import _small_surrogate
 from adk_ros.bags import Bag
 from adk_ros.bags.recording import read_recording
 from adk_ros.cli.main import main
+from adk_ros.exporting.bag_channels import _imu_rest
 from adk_ros.exporting.report_signals import ROLES
 from adk_ros.files.pages.provenance import Provenance, input_files
 from adk_ros.importing.parquet_file import read_parquet_table
 from adk_ros.mismatch.inference.signal_fit import SIGNALS
 from adk_ros.mismatch.report.result_files import write_report
 from adk_ros.signals.channels import Record
+from adk_ros.signals.decode import SensorConfig
 
 SECONDS = 12.0
 
@@ -215,3 +219,27 @@ def test_wrong_arguments_are_refused(capsys, tmp_path: Path) -> None:
     assert main([str(x) for x in [*arguments, "--json"]]) == 0
     assert json.loads(capsys.readouterr().out)["columns"]["delta"] == "rad"
     assert "add --force to replace it" in refused(capsys, arguments, 2)
+
+
+def test_all_axes_of_a_turned_imu_are_those_of_the_vehicle() -> None:
+    """Upside down, in g and degrees, on a slope of 0.1 rad: as decoded, like a_y and yaw rate."""
+    sensors = SensorConfig(
+        imu_rotation=(math.pi, 0.0, 0.0), accelerometer_scale=1 / 9.81, gyro_scale=180 / math.pi
+    )
+    half = 0.05
+    # Down by 0.1 rad about y, and turned upside down about x.
+    q = SimpleNamespace(w=0.0, x=math.cos(half), y=0.0, z=-math.sin(half))
+    message = SimpleNamespace(
+        linear_acceleration=SimpleNamespace(x=0.0, y=0.0, z=-1.0),
+        angular_velocity=SimpleNamespace(x=1.0, y=2.0, z=3.0),
+        linear_acceleration_covariance=[0.0] * 9,
+        angular_velocity_covariance=[0.0] * 9,
+        orientation=q,
+        orientation_covariance=[0.0] * 9,
+    )
+    found = _imu_rest(message, sensors)
+    assert found["a_z"] == pytest.approx(9.81)
+    assert found["roll_rate"] == pytest.approx(math.radians(1.0))
+    assert found["pitch_rate"] == pytest.approx(-math.radians(2.0))
+    assert found["roll"] == pytest.approx(0.0, abs=1e-9)
+    assert found["pitch"] == pytest.approx(0.1)

@@ -81,11 +81,12 @@ def checked(
     streams: Streams,
     vehicle: Dimensions | None = VEHICLE,
     sensors: SensorConfig | None = None,
+    command_type: str = "joint_state",
 ) -> CheckResult:
     """Return the result of all checks on streams."""
     topics: dict[str, str | None] = {"imu": None, "odometry": None, "command": None}
     sensors = sensors or SensorConfig()
-    kind = "joint_state" if streams.command is not None else ""
+    kind = command_type if streams.command is not None else ""
     joints = JointTable()
     names = {"name": ["drive", "steer"], "position": [0.0, 0.0], "effort": [0.0, 0.0]}
     joints.add(0.0, message(COMMAND_TYPES["joint_state"], **names))

@@ -159,6 +159,18 @@ def test_two_signs_against_one_are_a_guess(tmp_path: Path) -> None:
     assert "if left turns are negative, flip" in proposal.text
 
 
+def test_a_compass_counts_from_north(tmp_path: Path) -> None:
+    """Degrees, clockwise: 90 minus it is the heading from east."""
+    c = channels()
+    table = {name: c[name] for name in ("t", "v_x", "yaw_rate", "x", "y")}
+    table["heading_deg"] = 90.0 - np.degrees(c["heading"])
+    pd.DataFrame(table).to_csv(tmp_path / "a.csv", index=False)
+    proposal = propose_map(tmp_path / "a.csv")
+    entry = yaml.safe_load(proposal.text)["channels"]["heading"]
+    assert (entry["unit"], entry["sign"], entry["offset"]) == ("deg", -1, -90.0)
+    assert "heading" in proposal.uncertain
+
+
 def test_formats_with_units_and_clocks_need_no_correction(tmp_path: Path) -> None:
     files = source.write_mdf(tmp_path)
     proposed = propose_map(files)
