@@ -113,15 +113,22 @@ def imu_integration(record: Record, rows: IntArray, ahead: int) -> FloatArray:
 
 
 def naive_predictions(record: Record, rows: IntArray, ahead: int) -> dict[str, FloatArray]:
-    """Return the predictions of each naive predictor that the record allows, by name."""
+    """
+    Return the predictions of each naive predictor that the record allows, by name.
+
+    Rows without an IMU, as before its first reading, have persistence in place of its integration;
+    a record without any IMU at these rows has no such predictor.
+    """
     without_imu, with_imu = NAIVE_PREDICTORS[:2], NAIVE_PREDICTORS[2]
     functions = persistence, linear_extrapolation
     result = {
         name: function(record, rows, ahead)
         for name, function in zip(without_imu, functions, strict=True)
     }
-    if np.isfinite(record.a[rows]).all():
-        result[with_imu] = imu_integration(record, rows, ahead)
+    known = np.asarray(np.isfinite(record.a[rows]).all(axis=1))
+    if known.any():
+        integrated = imu_integration(record, rows, ahead)
+        result[with_imu] = np.where(known[:, None, None], integrated, result[without_imu[0]])
     return result
 
 

@@ -190,14 +190,21 @@ def _against_naive(rolled: Sequence[Rollouts]) -> FloatArray:
     naive = [naive_predictions(item.record, item.rows, _AHEAD) for item in rolled]
     count = [item.rows.size for item in rolled]
     floors = np.square([reference_noise(item.record) for item in rolled])
-    noise = np.average(np.where(np.isfinite(floors), floors, 0.0), axis=0, weights=count)
+    known = np.array(count)[:, None] * np.isfinite(floors)
+    noise = (known * np.nan_to_num(floors)).sum(axis=0) / np.maximum(known.sum(axis=0), 1.0)
 
     def pooled(predicted: Sequence[FloatArray]) -> FloatArray:
         rmse = [
             score(item.record, item.rows, values).rmse
             for item, values in zip(rolled, predicted, strict=True)
         ]
-        return _noise_corrected(noise, np.average(np.square(rmse), axis=0, weights=count))
+        # A record that does not measure a channel says nothing of it; the others do.
+        measured = np.isfinite(rmse)
+        weights = np.array(count)[:, None, None] * measured
+        squares = np.where(measured, np.square(rmse), 0.0)
+        total = weights.sum(axis=0)
+        mean = (weights * squares).sum(axis=0) / np.maximum(total, 1.0)
+        return _noise_corrected(noise, np.where(total > 0.0, mean, np.nan))
 
     # A predictor that needs an IMU counts only if all records have one.
     names = [name for name in naive[0] if all(name in each for each in naive)]

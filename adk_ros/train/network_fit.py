@@ -317,7 +317,8 @@ class _Trainer:
         settings, network = self.settings, self.network
         first, running, since = 0, math.nan, 0
         curve: list[tuple[int, float, float]] = []
-        best, best_step = math.inf, 0
+        # Features that were fitted before the training are a candidate as they are.
+        best, best_step = self.validate() if self.has_fitted_features else math.inf, 0
         best_state = {k: v.clone() for k, v in network.state_dict().items()}
         resumed = checkpoint.load(path, key, network, self.optimiser) if path else None
         if resumed is not None:
@@ -337,12 +338,12 @@ class _Trainer:
             if (step + 1) % settings.validate_every == 0 or step + 1 == settings.steps:
                 value = self.validate()
                 curve.append((step + 1, running, value))
-                since += 1
+                # Not in the first stage, which minimises a loss over a shorter horizon.
+                since = since + 1 if step >= stage else 0
                 if value < best:
                     best, best_step, since = value, step + 1, 0
                     best_state = {k: v.clone() for k, v in network.state_dict().items()}
-                # Not in the first stage, which minimises a loss over a shorter horizon.
-                early = since >= settings.patience and step > stage
+                early = since >= settings.patience
             if on_step is not None:
                 last = curve[-1][2] if curve else math.nan
                 on_step(Step(step + 1, settings.steps, running, last, self.rate(step)))
@@ -359,7 +360,7 @@ class _Trainer:
                 checkpoint.save(path, key, step + 1, network, self.optimiser, extra)
             if early:
                 break
-        if not math.isfinite(best):
+        if not any(math.isfinite(value) for *_, value in curve):
             raise DataError("the training diverged: lower --learning-rate, check the bag's units")
         network.load_state_dict(best_state)
         return curve, best_step, early

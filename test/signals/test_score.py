@@ -121,8 +121,16 @@ def test_naive_predictors_of_a_record_without_imu() -> None:
     ]  # fmt: skip
     incomplete = replace(record, a=record.a.copy())
     incomplete.a[50, 1] = np.nan
-    assert list(naive_predictions(incomplete, rows, 3)) == ["persistence", "straight line"]
-    assert len(naive_predictions(incomplete, rows[rows > 50], 3)) == 3
+    # An IMU that begins later, or has stopped: persistence stands for it.
+    mixed = naive_predictions(incomplete, rows, 3)
+    assert len(mixed) == 3
+    without = ~np.isfinite(incomplete.a[rows]).all(axis=1)
+    assert without.any()
+    np.testing.assert_array_equal(mixed["IMU integration"][without], mixed["persistence"][without])
+    assert list(naive_predictions(incomplete, rows[without], 3)) == [
+        "persistence",
+        "straight line",
+    ]
 
 
 def allowed(record: Record, row: int, history: int, ahead: int) -> bool:

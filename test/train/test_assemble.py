@@ -246,6 +246,19 @@ def test_selection_improves_predictions_of_a_perturbed_car(
     assert after.mean() < before.mean()
 
 
+def test_a_channel_that_one_recording_lacks_is_judged_by_the_others(
+    model: KoopmanModel, split: Split
+) -> None:
+    (whole, scored) = module._cases(split)[0][0]
+    without = replace(whole, x=whole.x * [1.0, 0.0, 1.0], x_ref=whole.x_ref * [1.0, 0.0, 1.0])
+    alone = module._log_ratio(model, [[(whole, scored)]])
+    both = module._log_ratio(model, [[(without, scored), (whole, scored)]])
+    assert np.abs(alone[..., 1]).max() > 0.0
+    # Another stride: the rows differ.
+    np.testing.assert_allclose(both[..., 1], alone[..., 1], atol=0.2)
+    assert not module._log_ratio(model, [[(without, scored)]])[..., 1].any()
+
+
 def test_horizon_covariance_is_one() -> None:
     covariance = small().run.model.horizon_covariance
     assert covariance.shape == (80, 3, 3)

@@ -136,6 +136,20 @@ def test_no_early_stop_in_the_first_stage() -> None:
     assert trained.best_step == 10
 
 
+def test_what_was_fitted_before_the_training_is_a_candidate(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A training that makes it worse must not replace it; nor count before the last stage."""
+    values = iter([0.1, 0.1, *[0.2 + 0.01 * k for k in range(40)]])
+    monkeypatch.setattr(network_fit._Trainer, "validate", lambda _: next(values))
+    settings = replace(SHORT, short_share=0.5, patience=2, steps=120, quadratic=True)
+    trained = network_fit.fit(*parts(), settings)
+    assert trained.best_step == 0
+    # In the second stage, which begins at 60, two validations without improvement.
+    assert trained.stopped_early
+    assert trained.curve[-1][0] == 80
+
+
 def test_a_checkpoint_of_another_training_is_ignored(
     whole: FittedNetwork, often: None, tmp_path: Path
 ) -> None:

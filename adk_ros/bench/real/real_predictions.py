@@ -22,7 +22,7 @@ from adk_ros.bench.paper.av21 import TRAINED_ON
 from adk_ros.bench.paper.ratios import geometric_mean
 from adk_ros.bench.paper.training_jobs import BenchPlan, Outcome, TrainingJob, train_default
 from adk_ros.errors import DataError, UsageError
-from adk_ros.numerics.arrays import FloatArray
+from adk_ros.numerics.arrays import BoolArray, FloatArray
 from adk_ros.signals.channels import STATE_NAMES, TICK_NS, Record
 from adk_ros.signals.score import HORIZON_STEPS
 from adk_ros.train.held_out import score_held_out
@@ -35,6 +35,8 @@ MAX_RATIO = 1.02
 MAX_GEOMETRIC_MEAN = 0.5
 """Geometric mean of the ratios 1 s ahead, over channels and vehicles, with commands known."""
 _MEAN_AT_S = 1.0
+_DECIMALS, _SHARED_NS = 6, 10**9
+"""Digits by which samples are equal, and time for which they are no accident."""
 Progress = Callable[[int, int], None]
 
 
@@ -125,7 +127,7 @@ def _tested(
         predictor = train_default(outcome, [first], plan, Path(folder), _nothing)
     for name, record in records.items():
         tested = whole.rows(slice(cut, None)) if name == trained else record
-        scored = score_held_out(predictor.model, [(tested, None)])
+        scored = score_held_out(predictor.model, [(tested, ~shared_rows(tested, first))])
         if scored is not None:
             by_commands = {KNOWN: scored.ratio, HELD: scored.ratio_held}
             yield _Table(vehicle, trained, name, by_commands)
@@ -174,3 +176,25 @@ def mean_ratio(outcomes: Iterable[RatioOutcome]) -> float:
 
 def _nothing(share: float) -> None:
     """Ignore the progress of one training."""
+
+
+def shared_rows(record: Record, other: Record) -> BoolArray:
+    """
+    Return which rows (n,) of a record another one has as well, for a second or longer.
+
+    Published recordings may be cut from one drive, and overlap.
+    """
+
+    def samples(of: Record) -> list[bytes]:
+        values = np.round(np.column_stack([of.x_ref, of.u]), _DECIMALS)
+        return [row.tobytes() for row in np.ascontiguousarray(values)]
+
+    known, own = set(samples(other)), samples(record)
+    equal = np.array([row in known for row in own], dtype=bool)
+    changes = np.flatnonzero(np.diff(np.concatenate([[False], equal, [False]]).astype(int)))
+    shared = np.zeros(equal.size, dtype=bool)
+    for begin, end in changes.reshape(-1, 2).tolist():
+        # A car that stands still is no shared drive.
+        different = len(set(own[begin:end]))
+        shared[begin:end] = different * TICK_NS >= _SHARED_NS
+    return shared

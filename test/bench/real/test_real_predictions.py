@@ -15,9 +15,16 @@ from helpers.calibration import driven, write_streams
 import adk_ros.bench.real.real_bench as real_bench
 from adk_ros.bench.paper.training_jobs import BenchPlan
 from adk_ros.bench.real.real_bench import PREDICTIONS, RealBench, bench_real
-from adk_ros.bench.real.real_predictions import RatioOutcome, largest_ratio, mean_ratio
+from adk_ros.bench.real.real_predictions import (
+    RatioOutcome,
+    largest_ratio,
+    mean_ratio,
+    shared_rows,
+)
 from adk_ros.bench.real.scores import criteria
 from adk_ros.cli.main import main
+from adk_ros.numerics.arrays import FloatArray
+from adk_ros.signals.channels import TICK_NS, Record
 from adk_ros.train.train_settings import TrainSettings
 
 HALF = (0.5,) * 5
@@ -93,3 +100,23 @@ def test_recordings_are_trained_on_and_tested_on(tmp_path: Path) -> None:
     assert all(0.0 < ratio < 100.0 for x in result.predictions for ratio in x.mean)
     assert len(result.refused) == 1
     assert "training on short" in result.refused[0]
+
+
+def test_rows_that_were_trained_on_are_not_tested() -> None:
+    """Two published recordings are cut from one drive; a car that stands shares nothing."""
+
+    def record_of(values: FloatArray) -> Record:
+        n = len(values)
+        zeros = np.zeros(n, dtype=np.int64)
+        return Record(
+            np.arange(n) * TICK_NS, values[:, :3], values[:, 3:], np.zeros((n, 2)), zeros,
+            values[:, :3], zeros,
+        )  # fmt: skip
+
+    whole = np.random.default_rng(0).normal(size=(400, 5))
+    other = np.random.default_rng(1).normal(size=(300, 5))
+    found = shared_rows(record_of(np.concatenate([whole[300:], other])), record_of(whole))
+    assert found[:100].all()
+    assert not found[100:].any()
+    still = record_of(np.zeros((100, 5)))
+    assert not shared_rows(still, still).any()
