@@ -267,7 +267,16 @@ def windows(x: Any, u: Any, rows: Any, ahead: int) -> tuple[Any, Any]:
 
 
 def split(episodes: Episodes) -> tuple[Episodes, Episodes]:
-    """Return the first 80 % of each episode, and the rest."""
+    """
+    Return four fifths of the episodes to fit, and the rest: the last fifth of each.
+
+    Of a drive that lost samples are cut into many short ones, every fifth whole one: a fifth of
+    each would be shorter than the horizon.
+    """
+    every = round(1.0 / VALIDATED)
+    if len(episodes) > every:
+        fitted = [e for i, e in enumerate(episodes) if i % every != every - 1]
+        return [e for e in fitted if len(e[0]) > PAST + 1], list(episodes[every - 1 :: every])
     at = [round(len(x) * (1.0 - VALIDATED)) for x, _ in episodes]
     first = [(x[:n], u[:n]) for (x, u), n in zip(episodes, at, strict=True)]
     last = [(x[n:], u[n:]) for (x, u), n in zip(episodes, at, strict=True)]
@@ -275,17 +284,24 @@ def split(episodes: Episodes) -> tuple[Episodes, Episodes]:
 
 
 def starts(episodes: Episodes) -> tuple[Any, Any, Any]:
-    """Return histories, commands and future states of rollouts spread over the episodes."""
+    """
+    Return histories, commands and future states of rollouts spread over the episodes.
+
+    States beyond the end of an episode are NaN, and its last command is held.
+    """
     longest = max(len(x) for x, _ in episodes)
     ahead = min(HORIZONS[-1], longest - PAST - 1)
     if ahead < 1:
         raise ValueError("the episodes are too short for validation: use longer recordings")
-    total = sum(max(0, len(x) - PAST - ahead) for x, _ in episodes)
+    total = sum(max(0, len(x) - PAST - 1) for x, _ in episodes)
     step = max(1, total // STARTS)
     found = []
     for x, u in episodes:
-        rows = np.arange(PAST, len(x) - ahead, step)
-        found.append((*windows(x, u, rows, ahead), x[rows[:, None] + np.arange(1, ahead + 1)]))
+        rows = np.arange(PAST, len(x) - 1, step)
+        longer = np.concatenate([x, np.full((ahead, x.shape[1]), np.nan)])
+        held = np.concatenate([u, np.repeat(u[-1:], ahead, axis=0)])
+        future = longer[rows[:, None] + np.arange(1, ahead + 1)]
+        found.append((*windows(x, held, rows, ahead), future))
     past, commands, truth = (np.concatenate(part) for part in zip(*found, strict=True))
     return past, commands, truth
 
@@ -301,10 +317,12 @@ def choose(peer: Any, episodes: Episodes) -> tuple[tuple[Any, ...], float]:
         try:
             peer.fit(fitted, setting)
             error = (peer.predict(past, commands) - truth)[:, steps] / scale
+            known = np.isfinite(truth)[:, steps]
         except (ValueError, FloatingPointError, np.linalg.LinAlgError):
             continue
         error = np.nan_to_num(np.abs(error), nan=DIVERGED, posinf=DIVERGED)
-        rmse = np.sqrt(np.square(np.minimum(error, DIVERGED)).mean(axis=0))
+        squares = np.square(np.minimum(error, DIVERGED))
+        rmse = np.sqrt((squares * known).sum(axis=0) / np.maximum(known.sum(axis=0), 1))
         score = float(np.log(np.maximum(rmse, 1e-12)).mean())
         if best is None or score < best[0]:
             best = score, setting

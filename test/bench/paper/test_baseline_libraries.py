@@ -235,6 +235,24 @@ def test_the_worker_validates_on_the_last_part(tmp_path: Path) -> None:
     np.testing.assert_allclose(predicted[~lacks_past], truth[~lacks_past], atol=1e-8)
 
 
+def test_a_drive_cut_into_short_stretches_is_validated_on_whole_ones() -> None:
+    """A fifth of 60 rows is shorter than two seconds, which no start would have ahead."""
+    worker = runpy.run_path(str(baseline_libraries.WORKER), run_name="worker")
+    rng = np.random.default_rng(0)
+    episodes = [(rng.normal(size=(n, 3)), rng.normal(size=(n, 2))) for n in [60, 130] * 6]
+    fitted, validation = worker["split"](episodes)
+    assert [len(x) for x, _ in fitted] == [60, 130, 60, 130, 130, 60, 130, 60, 60, 130]
+    assert [len(x) for x, _ in validation] == [60, 130]
+    past, commands, truth = worker["starts"](validation)
+    assert len(past) == len(commands) == len(truth) == 57 + 127
+    assert truth.shape[1] == 80
+    known = np.isfinite(truth).all(axis=2).sum(axis=1)
+    assert known.min() == 1
+    assert (known == 80).sum() == 48
+    # The last command is held where a horizon leaves its stretch.
+    np.testing.assert_array_equal(commands[56, -1], validation[0][1][-1])
+
+
 def test_the_worker_needs_only_numpy_and_the_libraries() -> None:
     text = baseline_libraries.WORKER.read_text()
     names = {
