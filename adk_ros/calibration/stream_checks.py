@@ -49,7 +49,7 @@ def check_streams(streams: Streams, size: float = 1.0) -> StreamFaults:
             findings.append(not_decidable(f"{name}_stream", reason))
             continue
         findings += _rate(name, stream)
-        findings += _constant(name, stream)
+        findings += _constant(name, stream, streams)
         findings += _interrupted(name, stream, streams, unusable)
     if streams.odometry is not None:
         findings += _standing(streams.odometry)
@@ -74,9 +74,10 @@ def _rate(name: str, stream: Stream) -> Iterator[Finding]:
         yield found(f"{name}_stamps", text, "order of the stamps", remedy=remedy)
 
 
-def _constant(name: str, stream: Stream) -> Iterator[Finding]:
+def _constant(name: str, stream: Stream, streams: Streams) -> Iterator[Finding]:
+    by_gyro = {"yaw_rate"} if streams.imu is not None and streams.imu.has("w_z") else set()
     for column, values in stream.columns.items():
-        if stream.has(column) or column in _OPTIONAL:
+        if stream.has(column) or column in _OPTIONAL | by_gyro:
             continue
         if not np.isfinite(values).all():
             text = f"{column} of {stream.name} is not reported"

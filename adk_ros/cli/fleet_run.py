@@ -50,7 +50,5 @@ def _estimate_text(estimate: dict[str, Any]) -> str:
         return f"{text}; duration unknown: no worker is connected to the scheduler"
     if estimate["seconds"] is None:
         return f"{text}; duration unknown before the first result"
-    return (
-        f"{text}; about {duration_text(estimate['seconds'])} with {estimate['workers']} workers, "
-        f"by {estimate['basis']}"
-    )
+    text += f"; about {duration_text(estimate['seconds'])} with {estimate['workers']} workers"
+    return f"{text}, by {estimate['basis']}" if estimate["basis"] else text

@@ -101,9 +101,10 @@ def run_stage(
             if wanted := found.to_hash(limits.count):
                 _hash_recordings(wanted, opened, dataset, limits, progress)
                 left = _identities(found.unhashed) - _identities(wanted)
-                hashes = dataset.content_hashes()
-                to_do = {k: v for k, v in hashes.items() if k not in left}
+                to_do = {k: v for k, v in dataset.content_hashes().items() if k not in left}
                 found = plan(version, recordings, to_do, dataset, limits.retry_failed)
+            # Those that are left for later keep what is known of them.
+            hashes = dataset.content_hashes()
             _list_and_copy(version, recordings, hashes, found, dataset)
             return _compute(stage, version, recordings, found, opened, dataset, limits, progress)
 

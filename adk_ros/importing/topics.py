@@ -125,16 +125,19 @@ def _add_odometry(given: dict[str, SourceChannel], outcome: Outcome, notes: list
     stream = joined("odometry", [given[name] for name in names], notes)
     rate = given.get("odometry_yaw_rate")
     gyro = given.get("yaw_rate")
+    measured = set(stream.values)
     if rate is None and gyro is not None and has_imu:
-        # A copy would confirm every error of the gyro.
+        # A copy that counts as measured would confirm every error of the gyro.
+        stream = _with_channel("odometry", stream, "odometry_yaw_rate", gyro, "v_x", notes)
         notes.append("no yaw rate but the gyro's: marked as not measured in odometry")
     elif rate is None and gyro is not None:
+        measured.add("odometry_yaw_rate")
         stream = _with_channel("odometry", stream, "odometry_yaw_rate", gyro, "v_x", notes)
     elif rate is None:
         notes.append("no yaw rate: written as 0 in odometry and marked as not measured")
     if not {"v_y", "v_y_estimated"} & set(given):
         notes.append("no v_y: written as 0 in odometry and marked as not measured")
-    outcome.topics.append(Topic(*TOPICS[ODOMETRY], stream, odometry(set(stream.values))))
+    outcome.topics.append(Topic(*TOPICS[ODOMETRY], stream, odometry(measured)))
 
 
 def _add_command(given: dict[str, SourceChannel], outcome: Outcome, notes: list[str]) -> None:

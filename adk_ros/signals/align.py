@@ -112,6 +112,7 @@ class Aligner:
         self.streams = (imu, SampledStream(), SampledStream(), SampledStream())
         self._tick_ns: int | None = None
         self._restarted = True
+        self._had_stopped = False
         if self._gate is not None:
             self._gate.forget()
 
@@ -261,6 +262,7 @@ class Aligner:
         if imu_at is None or tick_ns - imu_at.stamp_ns > self._timeout_ns:
             # One that has stopped is as none: what is learned from odometry is right again.
             flags |= _NO_IMU
+            self._had_stopped = imu_at is not None
         elif not self._is_fresh(imu_at, tick_ns):
             flags |= _IMU_STALE
         elif (
@@ -270,6 +272,10 @@ class Aligner:
         ):
             flags |= _FROZEN
         else:
+            if self._had_stopped:
+                # Its yaw rate is not a continuation of odometry's.
+                flags |= _IMU_STALE
+                self._had_stopped = False
             gyro = imu.extrapolation_of(2, tick_ns)
             mean = imu.mean(tick_ns - TICK_NS, tick_ns)
             assert mean is not None

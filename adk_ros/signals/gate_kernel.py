@@ -174,7 +174,8 @@ def _judge_reading(reading: FloatArray, chi2: float, gate: GateArrays, outcome: 
     stream, after_s, now_s = int(reading[0]), reading[1], reading[2]
     values, variances = reading[3:6], reading[6:9]
     fraction = min(max(after_s / _TICK_S, _MIN_FRACTION), _MAX_FRACTION)
-    innovation, exceeds = np.empty(3), np.zeros(3, dtype=np.bool_)
+    innovation, unexplained = np.empty(3), np.empty(3)
+    exceeds = np.zeros(3, dtype=np.bool_)
     # Beyond that range, the expectation lies between the line's end and its continuation.
     beyond = after_s / _TICK_S - fraction
     worst, channel, bound = 1.0, -1, 0.0
@@ -183,6 +184,7 @@ def _judge_reading(reading: FloatArray, chi2: float, gate: GateArrays, outcome: 
         innovation[c] = e
         change = abs(beyond * gate.slope[stream, c])
         e -= min(max(e, -change), change)
+        unexplained[c] = e
         allowed = gate.mean_square[stream, c] + gate.floor[stream, c] + gate.growth[stream, c]
         if variances[c] > gate.reported[stream, c]:
             allowed += variances[c] - gate.reported[stream, c]
@@ -191,8 +193,6 @@ def _judge_reading(reading: FloatArray, chi2: float, gate: GateArrays, outcome: 
             worst, channel, bound = e * e / (chi2 * allowed), c, np.sqrt(chi2 * allowed)
     if channel < 0:
         gate.n_refused[stream] = 0
-        if beyond != 0.0:
-            return ACCEPTED
         gate.n_accepted[stream] += 1
         elapsed_s = max(now_s - gate.last_s[stream], 0.0)
         if elapsed_s > _MEMORY_S:
@@ -201,16 +201,16 @@ def _judge_reading(reading: FloatArray, chi2: float, gate: GateArrays, outcome: 
         gate.last_s[stream] = now_s
         gain = max(elapsed_s / _MEMORY_S, 1.0 / gate.n_accepted[stream])
         for c in range(3):
-            if np.isfinite(innovation[c]):
-                change = innovation[c] * innovation[c] - gate.mean_square[stream, c]
+            if np.isfinite(unexplained[c]):
+                change = unexplained[c] * unexplained[c] - gate.mean_square[stream, c]
                 gate.mean_square[stream, c] += gain * change
             if np.isfinite(variances[c]):
                 gate.reported[stream, c] += gain * (variances[c] - gate.reported[stream, c])
         if stream == _IMU:
             # An accepted offset follows its cause, which may fade.
             for c in range(2):
-                if gate.offset[c] != 0.0 and np.isfinite(innovation[c]):
-                    gate.offset[c] += gain * innovation[c]
+                if gate.offset[c] != 0.0 and np.isfinite(unexplained[c]):
+                    gate.offset[c] += gain * unexplained[c]
         return ACCEPTED
     refused = gate.refused[stream]
     refused[gate.n_refused[stream]] = innovation

@@ -128,7 +128,7 @@ def fallback_of(trained: Sequence[Rollouts], validated: Sequence[Rollouts]) -> F
 
 def _common_names(rolled: Sequence[Rollouts]) -> tuple[str, ...]:
     """Return the naive predictors that all records allow: the last one needs an IMU."""
-    with_imu = all(np.isfinite(item.record.a[item.rows]).all(axis=1).any() for item in rolled)
+    with_imu = all(np.isfinite(item.record.a[item.rows]).all() for item in rolled)
     return NAIVE_PREDICTORS if with_imu else NAIVE_PREDICTORS[:-1]
 
 

@@ -190,7 +190,8 @@ def _against_naive(rolled: Sequence[Rollouts]) -> FloatArray:
     naive = [naive_predictions(item.record, item.rows, _AHEAD) for item in rolled]
     count = [item.rows.size for item in rolled]
     floors = np.square([reference_noise(item.record) for item in rolled])
-    known = np.array(count)[:, None] * np.isfinite(floors)
+    measured = np.array([item.record.measured for item in rolled])
+    known = np.array(count)[:, None] * (np.isfinite(floors) & measured)
     noise = (known * np.nan_to_num(floors)).sum(axis=0) / np.maximum(known.sum(axis=0), 1.0)
 
     def pooled(predicted: Sequence[FloatArray]) -> FloatArray:

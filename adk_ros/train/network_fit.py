@@ -319,6 +319,7 @@ class _Trainer:
         curve: list[tuple[int, float, float]] = []
         # Features that were fitted before the training are a candidate as they are.
         best, best_step = self.validate() if self.has_fitted_features else math.inf, 0
+        best = best if math.isfinite(best) else math.inf
         best_state = {k: v.clone() for k, v in network.state_dict().items()}
         resumed = checkpoint.load(path, key, network, self.optimiser) if path else None
         if resumed is not None:
@@ -338,10 +339,12 @@ class _Trainer:
             if (step + 1) % settings.validate_every == 0 or step + 1 == settings.steps:
                 value = self.validate()
                 curve.append((step + 1, running, value))
-                # Not in the first stage, which minimises a loss over a shorter horizon.
-                since = since + 1 if step >= stage else 0
+                # Not in the first stage, which minimises a loss over a shorter horizon; and not
+                # against what was fitted before, which a training may reach late.
+                is_lowest = value < min((x for *_, x in curve[:-1]), default=math.inf)
+                since = since + 1 if step >= stage and not is_lowest else 0
                 if value < best:
-                    best, best_step, since = value, step + 1, 0
+                    best, best_step = value, step + 1
                     best_state = {k: v.clone() for k, v in network.state_dict().items()}
                 early = since >= settings.patience
             if on_step is not None:

@@ -601,6 +601,16 @@ def test_what_is_left_for_later_keeps_its_reason(tmp_path, monkeypatch) -> None:
     run_stage(stage, found, out, fake_cluster, replace(LIMITS, retry_failed=True, count=1))
     frame = fleet_frame(out, stage.name)
     assert sorted(frame["recording"]) == ["a.mcap", "b.mcap", "c.mcap"]
+    # Also where one that could be read takes the limit.
+    monkeypatch.setattr("adk_ros.fleet.recording_work.content_hash", content_hash)
+    (tmp_path / "d.mcap").write_text("d")
+    found = find_recordings([str(tmp_path / "d.mcap")])
+    run_stage(stage, found, out, fake_cluster, LIMITS)
+    monkeypatch.setattr("adk_ros.fleet.recording_work.content_hash", unreadable)
+    found = find_recordings([str(tmp_path)])
+    run_stage(stage, found, out, fake_cluster, replace(LIMITS, retry_failed=True, count=1))
+    frame = fleet_frame(out, stage.name)
+    assert len(frame) == 4
     assert frame["reason"].str.contains("cannot be read").all()
 
 

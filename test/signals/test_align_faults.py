@@ -54,6 +54,9 @@ def test_one_topic_stops_for_two_seconds(source: Source) -> None:
         assert flags(between(samples, 3.55, 5.0)) == {Flag.NO_IMU}
         affected = between(samples, 3.1, 5.0)
     assert flags(between(samples, 5.1, 7.9)) == {0}
+    if source is Source.IMU:
+        # What it says first is not a continuation of odometry's yaw rate.
+        assert Flag.IMU_STALE in flags(between(samples, 4.98, 5.1))
     assert np.abs(errors(between(samples, 5.1, 7.9))).max() < 1e-3
     if source is Source.ODOMETRY:
         # Half a second from the accelerometer only, then no state.

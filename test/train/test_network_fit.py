@@ -148,6 +148,11 @@ def test_what_was_fitted_before_the_training_is_a_candidate(
     # In the second stage, which begins at 60, two validations without improvement.
     assert trained.stopped_early
     assert trained.curve[-1][0] == 80
+    # One that improves, though it is worse still, goes on.
+    values = iter([0.1, 0.1, *[0.3 - 0.001 * k for k in range(40)]])
+    trained = network_fit.fit(*parts(), settings)
+    assert not trained.stopped_early
+    assert trained.best_step == 0
 
 
 def test_a_checkpoint_of_another_training_is_ignored(

@@ -158,14 +158,13 @@ def estimate_stage(
     sizes = [work.size for work in todo.missing] + [each.size for each in unhashed]
     sizes = sizes[: options.limits.count]
     seconds, rate_bytes, measured = dataset.rates(stage.name)
-    expected, basis = None, ""
+    expected, basis = None, f"the rate of {measured} recordings" if measured else ""
     if not sizes:
         expected = 0.0
     elif not options.workers:
         pass
     elif measured and rate_bytes:
         expected = seconds * sum(sizes) / rate_bytes / options.workers
-        basis = f"the rate of {measured} recordings"
     elif stage.name in DEFAULT_CORE_S:
         minutes = recording_minutes(found, dataset)
         if minutes is not None:

@@ -38,7 +38,7 @@ PAST = 2
 """Past samples used as delays."""
 HORIZONS = (1, 10, 20, 40, 80)
 VALIDATED = 0.2
-"""Share of each episode used for validation."""
+"""Share of the episodes used for validation (`split`)."""
 STARTS = 400
 """Approximate number of rollouts for validation."""
 CHECKED = 3
@@ -274,7 +274,8 @@ def split(episodes: Episodes) -> tuple[Episodes, Episodes]:
     each would be shorter than the horizon.
     """
     every = round(1.0 / VALIDATED)
-    if len(episodes) > every:
+    longest = max(len(x) for x, _ in episodes)
+    if len(episodes) > every and longest * VALIDATED <= PAST + HORIZONS[-1]:
         fitted = [e for i, e in enumerate(episodes) if i % every != every - 1]
         return [e for e in fitted if len(e[0]) > PAST + 1], list(episodes[every - 1 :: every])
     at = [round(len(x) * (1.0 - VALIDATED)) for x, _ in episodes]

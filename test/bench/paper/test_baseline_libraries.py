@@ -243,6 +243,9 @@ def test_a_drive_cut_into_short_stretches_is_validated_on_whole_ones() -> None:
     fitted, validation = worker["split"](episodes)
     assert [len(x) for x, _ in fitted] == [60, 130, 60, 130, 130, 60, 130, 60, 60, 130]
     assert [len(x) for x, _ in validation] == [60, 130]
+    # Of long ones, the last fifth of each.
+    longer = [*episodes, (np.zeros((900, 3)), np.zeros((900, 2)))]
+    assert len(worker["split"](longer)[1]) == len(longer)
     past, commands, truth = worker["starts"](validation)
     assert len(past) == len(commands) == len(truth) == 57 + 127
     assert truth.shape[1] == 80
