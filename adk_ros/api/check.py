@@ -19,6 +19,7 @@ from adk_ros.calibration.check import CheckResult
 from adk_ros.calibration.from_bag import BagContent
 from adk_ros.calibration.reference_check import ReferenceCheck
 from adk_ros.errors import UsageError
+from adk_ros.mismatch.recording.nominal_vehicle import NominalVehicle, load_nominal_vehicle
 
 _NEEDED = frozenset({"cg_to_front_axle", "cg_to_rear_axle", "wheel_radius"})
 """Values of a vehicle file that sensors and steering are compared with."""
@@ -146,19 +147,10 @@ def check_recording(
     :raises DataError: the bag is unreadable or empty.
     """
     from adk_ros.calibration.check import check
-    from adk_ros.calibration.from_bag import read_streams
-    from adk_ros.mismatch.recording.nominal_vehicle import load_nominal_vehicle
 
     nominal = None if vehicle is None else load_nominal_vehicle(vehicle)
     assumed = frozenset() if nominal is None else nominal.assumed & _NEEDED
-    report = in_stage(progress, f"reading {Path(recording).name}")
-    is_known = nominal is not None and "wheel_radius" not in assumed
-    chosen, source = velocity_source(
-        recording, options, nominal.wheel_radius if nominal is not None and is_known else 0.0
-    )
-    content = read_streams(recording, chosen, report)
-    if source:
-        content.warnings.append(source)
+    content = _read(recording, options, nominal, progress)
     if assumed:
         content.warnings.append(
             f"{vehicle}: {', '.join(sorted(assumed))} missing: what needs them is not checked, as "
@@ -167,6 +159,24 @@ def check_recording(
     found = check(content, nominal, in_stage(progress, "checking"), assumed)
     scale = None if nominal is None else nominal.length_scale
     return RecordingCheck(Path(recording), content, found, scale)
+
+
+def _read(
+    path: Path | str,
+    options: RecordingOptions | None,
+    nominal: NominalVehicle | None,
+    progress: Progress | None,
+) -> BagContent:
+    """Return the streams of a recording, with v_x of another source where odometry has none."""
+    from adk_ros.calibration.from_bag import read_streams
+
+    is_known = nominal is not None and "wheel_radius" not in nominal.assumed
+    radius = nominal.wheel_radius if nominal is not None and is_known else 0.0
+    chosen, source = velocity_source(path, options, radius)
+    content = read_streams(path, chosen, in_stage(progress, f"reading {Path(path).name}"))
+    if source:
+        content.warnings.append(source)
+    return content
 
 
 @dataclass(frozen=True)
@@ -226,18 +236,9 @@ def compare_recordings(
     :raises UsageError: a bag or a file does not exist or is invalid.
     :raises DataError: a bag is unreadable or empty.
     """
-    from adk_ros.calibration.from_bag import read_streams
     from adk_ros.calibration.reference_check import check_against, prepared
-    from adk_ros.mismatch.recording.nominal_vehicle import load_nominal_vehicle
 
     nominal = None if vehicle is None else load_nominal_vehicle(vehicle)
-    known, content = (
-        read_streams(
-            path,
-            options or RecordingOptions(),
-            in_stage(progress, f"reading {Path(path).name}"),
-        )
-        for path in (reference, recording)
-    )
+    known, content = (_read(path, options, nominal, progress) for path in (reference, recording))
     found = check_against(prepared(known), prepared(content), nominal)
     return RecordingComparison(Path(recording), Path(reference), content, known, found)

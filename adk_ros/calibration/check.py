@@ -86,6 +86,7 @@ class CheckResult:
         return [x for x in self.findings if x.verdict is verdict]
 
 
+_SCALE = "odometry_scale"
 _AXLES = frozenset({"cg_to_front_axle", "cg_to_rear_axle"})
 
 
@@ -208,6 +209,8 @@ def _fine(
     points = list(check_reference_point(s, sensors, axles))
     is_known = not any(x.verdict is Verdict.FINDING for x in points)
     out += points
+    # What follows is relative to a speed whose scale is proposed: it must not be found twice.
+    s = _with_speed_scale(s, out)
     steering = check_steering(
         s, sensors, axles if is_known else None, wheelbase, content.command_type
     )
@@ -223,6 +226,15 @@ def _fine(
     out += check_wheels(s, streams.wheel_speeds, radius)
     out += check_pedals(s, streams, mass, radius, known_size)
     return out
+
+
+def _with_speed_scale(s: Signals, findings: Iterable[Finding]) -> Signals:
+    """Return signals with v_x and v_y divided by the scale that a finding proposes."""
+    scales = [float(x.parameters[_SCALE]) for x in findings if _SCALE in x.parameters]
+    if not scales:
+        return s
+    v_x, v_y = (None if v is None else v / scales[0] for v in (s.v_x, s.v_y))
+    return replace(s, v_x=v_x, v_y=v_y)
 
 
 def _aligned(s: Signals, timing: list[Finding]) -> Signals:

@@ -132,7 +132,7 @@ def _heading(c: Course, evidence: str) -> Finding:
             reason = "a heading without a position may be that of a frame that is turned, by"
             return not_decidable(HEADING, f"{reason} {_degrees(error)}", evidence)
     elif quarter:
-        note += f"; it looks like another convention, whose zero is {90 * quarter}° from east"
+        note += f"; it looks like another convention, whose zero is {-90 * quarter}° from east"
     text = f"the heading is turned by {_degrees(error)}, positive to the left: offset"
     finding = judged(HEADING, error, 0.0, text, evidence, remedy=_REMEDY)
     return replace(finding, text=finding.text + note)

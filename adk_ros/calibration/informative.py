@@ -80,6 +80,9 @@ def informative(
             torque = "the torque stays within ±1: it is a pedal or a normalised command"
     gyro = _lacking(imu, "the IMU", "w_z")
     turning = _lacking(odometry, "odometry", "yaw_rate")
+    if gyro and imu is not None and np.isfinite(imu["w_z"]).all():
+        # It is read in place of odometry's, whatever that says.
+        turning = turning or "--no-imu takes odometry's"
     v_x = _lacking(odometry, "odometry", "v_x")
     pose = _pose(odometry)
     return Informative(

@@ -97,6 +97,11 @@ def control(
         plan = replace(
             plan, length_m=_QUICK_M, models=tuple(name for name in MODELS if name != PLANT)
         )
+    if tune and (as_json or out is not None or seed or car or jobs != 1):
+        raise UsageError(
+            "--tune prints a comparison on the development set: leave out --json, --out, --seed, "
+            "--car and --jobs"
+        )
     if not has_osqp():
         console.note(INSTALL)
 

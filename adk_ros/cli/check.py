@@ -95,7 +95,7 @@ def check(
     for path in (out, road):
         if path is not None:
             # Before the work, whose findings would be lost.
-            check_output(path, force, None, bag)
+            check_output(path, force, None, bag, *([vehicle] if vehicle is not None else []))
     with console.stages() as progress:
         checked = check_recording(bag, vehicle, options=options, progress=progress)
     console.note_all(checked.content.streams.notes)

@@ -77,7 +77,7 @@ def _propose(
     from adk_ros.api.output import check_output
 
     if out is not None:
-        check_output(out, force, None, *files)
+        check_output(out, force, None, *files, *dbc)
     proposal = propose_map(list(files), dbc=dbc)
     if out is not None:
         out.write_text(proposal.text, encoding="utf-8")

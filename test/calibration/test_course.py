@@ -90,10 +90,11 @@ def test_the_frame_of_a_pose_may_be_turned() -> None:
 
 
 def test_a_heading_from_north_is_another_convention() -> None:
-    turned = added("odometry", heading=np.radians(90.0))(with_course())
+    """Counted to the left from north: 90° less than from east."""
+    turned = added("odometry", heading=np.radians(-90.0))(with_course())
     heading = found(turned)["gps_heading"]
     assert heading.verdict is Verdict.FINDING
-    assert "90° from east" in heading.text
+    assert "whose zero is 90° from east" in heading.text
 
 
 def test_a_course_of_the_other_direction_is_found() -> None:

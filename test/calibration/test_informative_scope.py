@@ -217,3 +217,11 @@ def test_recorded_positions_are_named_where_the_pose_is_missing() -> None:
     rows = scoped(replace(streams, gps_fix=fix))
     assert "GPS positions that are recorded" in rows["grade"].why
     assert "GPS positions" not in scoped(streams)["grade"].why
+
+
+def test_a_gyro_that_reports_zeros_takes_the_yaw_rate_with_it() -> None:
+    """The reader takes it in place of odometry's: nothing is known of the yaw rate."""
+    rows = scoped(changed(recorded(), "imu", w_z=0.0))
+    assert "predict yaw rate" in impossible(rows)
+    assert "w_z of the IMU is 0 throughout" in rows["predict yaw rate"].why
+    assert "--no-imu" in rows["predict yaw rate"].why

@@ -264,6 +264,8 @@ def test_corrected_parameters_leave_nothing_to_find() -> None:
         ((scaled("odometry", DEGREES, "yaw_rate"),), {"yaw_rate_scale": DEGREES}),
         ((scaled("odometry", 3.6, "v_x", "v_y"),), {"odometry_scale": 3.6}),
         ((scaled("odometry", 1.04, "v_x", "v_y"),), {"odometry_scale": 1.04}),
+        # The steering ratio and wheel radii are relative to the speed: they do not repeat it.
+        ((scaled("odometry", 1.08, "v_x", "v_y"),), {"odometry_scale": 1.08}),
         (
             (scaled("imu", 1.0 / 9.81, "a_x", "a_y", "a_z"), added("imu", a_y=0.05)),
             {"accelerometer_scale": 1.0 / 9.81, "accelerometer_bias": [0.0, 0.05]},

@@ -75,7 +75,8 @@ def errors_by_distance(run: ClosedLoopRun, path: ReferencePath) -> tuple[FloatAr
         return s, np.full_like(s, LOST_M)
     # A car that slides may go back: the error at a place is that of the first passage.
     furthest = np.maximum.accumulate(run.s)
-    lateral = np.interp(s, furthest, run.lateral)
+    is_new = np.diff(furthest, prepend=-np.inf) > 0.0
+    lateral = np.interp(s, furthest[is_new], run.lateral[is_new])
     if not run.completed:
         lateral[s > furthest[-1]] = LOST_M
     return s, lateral

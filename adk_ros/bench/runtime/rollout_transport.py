@@ -79,7 +79,7 @@ def bench_rollout_transport(
         traffic = start_process(stack, folder, MODULE, "drive", sent, "1", *rates)
         await_line(traffic, "started", node, folder)
         own = "adk_ros.bench.runtime.rollout_transport"
-        planner = start_process(stack, folder, own, "request", str(requests))
+        planner = start_process(stack, folder, own, "request", str(requests), str(model))
         times = [
             _row(planner, node, folder, partial(report, k, len(CANDIDATES)))
             for k in range(len(CANDIDATES))
@@ -138,15 +138,16 @@ def _in_process(model: Path | str, requests: int) -> list[FloatArray]:
     return out
 
 
-def _request(requests: str) -> None:
+def _request(requests: str, model: str) -> None:
     """Ask a running node, and print a line of round trips, ms, for each number of candidates."""
     from adk_ros.ros.rollout_client import RolloutClient
     from adk_ros.ros.session import Session
 
+    scaling = artefact.load(Path(model)).model.scaling
     with Session("planner") as session:
         client = RolloutClient(session)
         for count in CANDIDATES:
-            commands = _commands(np.array([200.0, 0.02]), np.zeros(2), count)
+            commands = _commands(scaling.u_scale, scaling.u_mean, count)
             spent = client.times_ms(commands, int(requests), PAUSE_S, _TIMEOUT_S)
             print(json.dumps(spent.tolist()), flush=True)
 

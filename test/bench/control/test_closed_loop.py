@@ -100,6 +100,7 @@ def test_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
         (["--seed", "98"], "development set"),
         (["--seed", "1", "--seed", "1"], "different seeds"),
         (["--out", "no/where"], "give a new folder"),
+        (["--tune", "--json"], "leave out --json"),
     ],
 )
 def test_wrong_options(
