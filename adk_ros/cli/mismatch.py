@@ -27,8 +27,9 @@ def mismatch(
     simulation: Annotated[
         Path,
         typer.Option(
-            help="bag of the simulator, or the complete vehicle file of the simulated car (YAML "
-            "with tyres, as a scenario names it), or the simulation.yaml of an earlier report"
+            help="bag of the simulator, or the vehicle file of the simulated car (YAML, at least "
+            "mass and wheelbase; the rest is assumed as of a car of that size), or the "
+            "simulation.yaml of an earlier report"
         ),
     ],
     recording: Annotated[

@@ -5,10 +5,9 @@ Choose what the velocity of a bag is read from, where its odometry does not repo
 
 Wheel speeds come first: their radius is given, or identified against the speed or the positions
 of a satellite receiver. Of two axles it is the undriven one, or the rear one where that is not
-clear: its wheels do not steer. Driven wheels slip by more than the steering angle costs: in 90 s
-of simulated town driving with rear-wheel drive, the front axle is off by 0.02 m/s (RMS), the rear
-one by 0.25 m/s. Topics of single wheels count as the mean of their axle. Without a radius, the
-speed over ground of the receiver takes the place of wheel speeds.
+clear: its wheels do not steer. Driven wheels slip by more than the steering angle costs. Topics
+of single wheels count as the mean of their axle. Without a radius, the speed over ground of the
+receiver takes the place of wheel speeds.
 """
 
 from __future__ import annotations
