@@ -32,7 +32,7 @@ from adk_ros.signals.gate import GateSettings, ReadingGate
 from adk_ros.signals.plausibility import Plausibility
 
 _TICK_S = TICK_NS * 1e-9
-_RESTART = int(Flag.RESTART)
+_RESTART, _LEVEL_CHANGE = int(Flag.RESTART), int(Flag.LEVEL_CHANGE)
 _ODOMETRY = Source.ODOMETRY
 
 
@@ -173,6 +173,8 @@ class Pipeline:
                 self.restarts += 1
                 self.decoder.reset()
                 self.planned.restart(sample.stamp_ns)
+            if sample.flags & _LEVEL_CHANGE:
+                self.planned.interrupt()
             self.last_sample = sample
             self.plausibility.add(sample)
             prediction = self.predictor.step(sample)

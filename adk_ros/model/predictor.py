@@ -36,7 +36,7 @@ from adk_ros.model.model_rollout import ModelRollout
 from adk_ros.model.prediction import Prediction, Status
 from adk_ros.model.tick_memory import TickMemory, replace_by_naive
 from adk_ros.model.tick_steps import (
-    IS_MEASURED,
+    IS_TRUSTED,
     IS_USABLE,
     IS_WARMING_UP,
     LEARNS,
@@ -216,7 +216,7 @@ class Predictor:
         The first command is the one in force at that sample.
         :raises RuntimeError: the last step made no prediction.
         """
-        if self._predicted is None:
+        if self._predicted is None or self.status is Status.IMPLAUSIBLE:
             raise RuntimeError("no state to predict from")
         result = self._model_rollout.run(
             self.online.theta,
@@ -276,7 +276,7 @@ class Predictor:
         return self.linearized(commands).gradient(by_state)
 
     def _check_state(self) -> None:
-        if self._predicted is None:
+        if self._predicted is None or self.status is Status.IMPLAUSIBLE:
             raise UsageError(
                 f"no state to predict from ({self.status.value}): give the predictor samples "
                 "until a step returns a prediction"
@@ -319,7 +319,7 @@ class Predictor:
         # A repeated odometry reading says less than the prediction for this tick, for a while.
         stale = 0 < self._stale_ticks <= self.max_coast_steps
         flags = self._tick_flags
-        flags |= (IS_MEASURED if measured else 0) | (IS_USABLE if usable else 0)
+        flags |= (0 if self._uncertain_ticks else IS_TRUSTED) | (IS_USABLE if usable else 0)
         flags |= (LEARNS if learns else 0) | (IS_WARMING_UP if warming_up else 0)
         gains = self._prediction_only_gains if stale else self._gains
         given = TickInput(state, predicted, innovation, *sample.u, gains, flags)
@@ -367,6 +367,10 @@ class Predictor:
             past += (state - self._predicted) / self.model.scaling.x_scale
             self._predicted = state
             self._predicted_by_model = None
+        # What was predicted before is of the level before.
+        self._published.stop()
+        if self.rollout_monitor is not None:
+            self.rollout_monitor.stop()
 
     @property
     def uncertain_ticks(self) -> int:

@@ -16,6 +16,7 @@ from typing import NamedTuple, Protocol
 from adk_ros.model.adaptation.least_squares import window_arrays, windowed_update
 from adk_ros.model.adaptation.online_methods import OnlineMethod, WindowedRidge
 from adk_ros.model.drivable import is_drivable
+from adk_ros.model.estimation.disturbance import decay_disturbance
 from adk_ros.model.koopman import KoopmanModel
 from adk_ros.model.lifting.encoder_kernels import pack_regressor, perceptron
 from adk_ros.model.model_rollout import ModelRollout
@@ -52,10 +53,11 @@ PREDICTED, NOT_FINITE, NOT_DRIVABLE, WARMING_UP, NOT_SOLVED = 0, 1, 2, 3, 4
 """Outcomes of `TickSteps.advance`, and of its last part; NOT_SOLVED: the online method failed."""
 
 
-IS_MEASURED, IS_USABLE, LEARNS, IS_WARMING_UP, WITHHOLDS = 1, 2, 4, 8, 16
+IS_TRUSTED, IS_USABLE, LEARNS, IS_WARMING_UP, WITHHOLDS = 1, 2, 4, 8, 16
 """
-Flags of a tick: the state is a measurement, it may be learned, the pair that it completes may,
-past samples are missing, and a prediction that no vehicle can follow is no prediction.
+Flags of a tick: the state is a new measurement that was not rejected, it may be learned, the pair
+that it completes may, past samples are missing, and a prediction that no vehicle can follow is no
+prediction.
 
 In one integer, since numba looks up the type of each bool or tuple that it gets.
 """
@@ -116,6 +118,8 @@ class StepwiseTick:
         observe(given.state, given.predicted, command, given.gains, memory.rows)
         memory.features[:] = model.lifting(tick.row)
         completed = flags & LEARNS and complete_pair(online.theta, given.innovation, memory.rows)
+        if not flags & LEARNS:
+            decay_disturbance(memory.disturbance, memory.gains)
         if flags & IS_WARMING_UP:
             return WARMING_UP
         if completed:
@@ -156,7 +160,7 @@ class CompiledTick:
         return self._predict(given, horizon, ahead, slot, self._next_slot(given))
 
     def _next_slot(self, given: TickInput) -> int:
-        return self._monitor.next_slot() if given.flags & IS_MEASURED else -1
+        return self._monitor.next_slot() if given.flags & IS_TRUSTED else -1
 
     def _predict(
         self, given: TickInput, horizon: FloatArray, ahead: int, slot: int, monitor_slot: int
@@ -249,7 +253,10 @@ def observe_and_lift(
         tick.measured, tick.u_previous, usable, form[2], form[0] != 0, monitor, memory.fallback
     )
     perceptron(tick.row, monitor.encoder, monitor.scratch, memory.features)
-    return flags & LEARNS != 0 and complete_pair(theta, innovation, memory_rows)
+    if flags & LEARNS == 0:
+        decay_disturbance(memory.pair.disturbance, memory.pair.gains)
+        return False
+    return complete_pair(theta, innovation, memory_rows)
 
 
 @fused_kernel

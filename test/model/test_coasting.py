@@ -16,6 +16,8 @@ from helpers.model import (
     slalom,
 )
 
+from adk_ros.errors import UsageError
+from adk_ros.model.estimation.observer_gains import ObserverGains
 from adk_ros.model.prediction import Status
 from adk_ros.model.predictor import Predictor
 from adk_ros.signals.channels import TICK_NS, Flag, Sample
@@ -137,3 +139,48 @@ def test_covariance_is_symmetric_and_positive(history: int) -> None:
         if made is not None:
             np.testing.assert_array_equal(made.covariance, made.covariance.T)
             assert np.linalg.eigvalsh(made.covariance).min() > 0.0
+
+
+@pytest.mark.parametrize("flags", [0, int(Flag.COMMAND_STALE)])
+def test_disturbances_decay_while_nothing_is_learned(flags: int) -> None:
+    """As along the horizon of before: else 40 ticks of coasting add 40 times the last residual."""
+    gains = ObserverGains(
+        np.full(3, 0.5), np.full(3, 0.1), np.full(3, 0.9), np.full(3, 0.5), np.full(3, 0.6)
+    )
+    predictor = Predictor(make_model(observer_gains=gains))
+    samples = list(slalom(80))
+    fold(predictor, samples[:60])
+    before = predictor._memory.disturbance.copy()
+    assert np.abs(before[:2]).min() > 0.0
+    for k in range(10):
+        lost = samples[60 + k]._replace(flags=flags) if flags else coasting(60 + k, samples[59].u)
+        assert predictor.step(lost) is not None
+    after = predictor._memory.disturbance
+    np.testing.assert_allclose(after[0], before[0] * 0.9**10, rtol=1e-9)
+    np.testing.assert_allclose(after[1], before[1] * 0.6**10, rtol=1e-9)
+
+
+def test_a_level_change_is_not_compared_with_what_was_predicted_before() -> None:
+    """A sensor that reads 1 m/s more: no error of the model, whose covariance stays."""
+    calm = Predictor(make_model(), horizon_steps=40)
+    changed = Predictor(make_model(), horizon_steps=40)
+    spread = np.zeros((2, 40))
+    for k, item in enumerate(slalom(200)):
+        x = np.array(item.x) + np.array([1.0 if k >= 120 else 0.0, 0.0, 0.0])
+        flags = int(Flag.LEVEL_CHANGE) if k == 120 else item.flags
+        made = calm.step(item), changed.step(item._replace(x=tuple(x), flags=flags))
+        for i, one in enumerate(made):
+            if one is not None:
+                spread[i] = one.horizon_covariance[:, 0, 0]
+    assert (spread[1] < 1.5 * spread[0]).all()
+
+
+def test_no_rollouts_after_a_prediction_that_was_withheld() -> None:
+    predictor = Predictor(make_model())
+    fold(predictor, list(slalom(60)))
+    predictor.roll_out_many(np.zeros((1, 5, 2)))
+    predictor.status = Status.IMPLAUSIBLE
+    with pytest.raises(UsageError, match="no state to predict from"):
+        predictor.roll_out_many(np.zeros((1, 5, 2)))
+    with pytest.raises(RuntimeError, match="no state"):
+        predictor.rollout(np.zeros((5, 2)))

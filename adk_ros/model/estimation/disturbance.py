@@ -82,6 +82,18 @@ def regression_pair(
 
 
 @strict_kernel
+def decay_disturbance(disturbance: FloatArray, gains: FloatArray) -> None:
+    """
+    Let the disturbances (3, 3), `RegressionArrays.disturbance`, decay by a tick without a pair.
+
+    As they do along a horizon, so that coasting follows the one before it.
+    """
+    for c in range(3):
+        disturbance[0, c] *= gains[2, c]
+        disturbance[1, c] *= gains[4, c]
+
+
+@strict_kernel
 def ewma_covariance(covariance: FloatArray, innovation: FloatArray, gain: float) -> None:
     """covariance (3, 3) += gain (innovation innovation' - covariance)."""
     for i in range(3):
