@@ -53,7 +53,13 @@ def test_stopped_reports_are_flagged_and_give_way_to_the_command() -> None:
     samples = aligned(readings(1.0))
     late = [s for s in samples if s.stamp_ns > START + 1_500 * MS]
     assert late
-    assert all(s.flags & Flag.COMMAND_STALE for s in late)
+    # Half a second after the last report, at about 0.98 s, the car counts as one without.
+    for item in late:
+        is_stale = item.stamp_ns <= START + 1_480 * MS
+        assert bool(item.flags & Flag.COMMAND_STALE) is is_stale
+    early = [s for s in samples if START + 1_100 * MS < s.stamp_ns < START + 1_450 * MS]
+    assert early
+    assert all(s.flags & Flag.COMMAND_STALE for s in early)
     assert {s.u for s in late} == {(100.0, 0.5)}
 
 
