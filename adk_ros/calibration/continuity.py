@@ -112,6 +112,9 @@ def pose_jumps(
         excess = np.abs(moved - np.hypot(ahead, left))
     turn = np.diff(heading) - between("yaw_rate")
     turn = np.arctan2(np.sin(turn), np.cos(turn))
+    if not odometry.has("yaw_rate"):
+        # How far the car has turned is not known.
+        turn = np.zeros_like(turn)
     step = np.hypot(ahead, left)
     usual &= step > MIN_SPEED * time_scale(size) * elapsed
     if not usual.any():

@@ -45,7 +45,7 @@ from adk_ros.calibration.streams import (
 from adk_ros.calibration.topics import command_topic, optional_topic
 from adk_ros.errors import DataError
 from adk_ros.numerics.arrays import FloatArray
-from adk_ros.signals.decode import SensorConfig
+from adk_ros.signals.decode import MAX_VARIANCE, SensorConfig
 from adk_ros.signals.extrinsics import (
     MSGTYPE,
     StaticTransforms,
@@ -188,6 +188,8 @@ class _Rows:
     joints: JointTable = field(default_factory=JointTable)
     others: dict[str, JointTable] = field(default_factory=dict)
     refused: int = 0
+    unmeasured_rates: int = 0
+    """Messages of odometry that mark their yaw rate as not measured."""
 
     def add(self, role: str, topic: str, msg: Any, log_ns: int) -> None:
         """Take over a message; one that lacks a field is counted."""
@@ -207,6 +209,7 @@ class _Rows:
                     self.orientations[role].append(attitude_row(msg))
                 if role == "odometry":
                     self.heights.append(height_row(msg))
+                    self.unmeasured_rates += float(msg.twist.covariance[35]) >= MAX_VARIANCE
         except (AttributeError, TypeError, ValueError, IndexError, OverflowError):
             self.refused += 1
 
@@ -258,6 +261,10 @@ def _streams(
     if odometry is not None:
         odometry = odometry.having(heading=np.unwrap(odometry["heading"]))
         odometry = without_known_errors(odometry, "odometry", sensors)
+        if imu is not None and 2 * content.unmeasured_rates > len(rows["odometry"]):
+            # That of the gyro, as `adk import` repeats it, is no second witness.
+            unknown = np.full(odometry.at_s.size, np.nan)
+            odometry = odometry.having(yaw_rate=unknown)
     if command is not None:
         command = without_known_errors(command, "command", sensors)
     wheels = {}

@@ -111,7 +111,9 @@ def _lacking(stream: Stream | None, title: str, column: str) -> str:
     return f"{column} of {title} is {values[0] + 0.0:g} throughout"
 
 
-def implied_length_scale(odometry: Stream | None, command: Stream | None) -> float:
+def implied_length_scale(
+    odometry: Stream | None, command: Stream | None, imu: Stream | None
+) -> float:
     """
     Return the scale of lengths of the wheelbase L = delta v_x / r by steering and curvature.
 
@@ -121,11 +123,17 @@ def implied_length_scale(odometry: Stream | None, command: Stream | None) -> flo
     """
     if odometry is None or command is None:
         return 1.0
-    if not (odometry.has("v_x") and odometry.has("yaw_rate") and command.has("steering")):
+    if odometry.has("yaw_rate"):
+        rate = odometry["yaw_rate"]
+    elif imu is not None and imu.has("w_z"):
+        rate = np.interp(odometry.at_s, imu.at_s, imu["w_z"])
+    else:
+        return 1.0
+    if not (odometry.has("v_x") and command.has("steering")):
         return 1.0
     moving = odometry["v_x"] > STANDING_SPEED
     angle = np.interp(odometry.at_s, command.at_s, command["steering"])[moving]
-    curvature = odometry["yaw_rate"][moving] / odometry["v_x"][moving]
+    curvature = rate[moving] / odometry["v_x"][moving]
     if angle.size < 2 or not (np.ptp(angle) > 0.0 and np.ptp(curvature) > 0.0):
         return 1.0
     if np.corrcoef(angle, curvature)[0, 1] < MIN_CORRELATION:

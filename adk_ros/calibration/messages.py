@@ -34,8 +34,7 @@ def odometry_row(msg: Any) -> list[float]:
     """
     Return stamp, v_x, v_y, yaw rate, x, y and heading (7,).
 
-    NaN for a v_y that the covariance marks as not measured and that is an estimate, and for a yaw
-    rate that is a copy of the gyro's (`adk import`).
+    NaN for a v_y that the covariance marks as not measured and that is an estimate.
     """
     twist, pose = msg.twist.twist, msg.pose.pose
     q = pose.orientation
@@ -46,14 +45,11 @@ def odometry_row(msg: Any) -> list[float]:
     v_y = float(twist.linear.y)
     if v_y != 0.0 and float(msg.twist.covariance[7]) >= MAX_VARIANCE:
         v_y = math.nan
-    yaw_rate = float(twist.angular.z)
-    if yaw_rate != 0.0 and float(msg.twist.covariance[35]) >= MAX_VARIANCE:
-        yaw_rate = math.nan
     return [
         stamp_s(msg),
         float(twist.linear.x),
         v_y,
-        yaw_rate,
+        float(twist.angular.z),
         float(pose.position.x),
         float(pose.position.y),
         heading,

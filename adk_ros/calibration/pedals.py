@@ -35,7 +35,7 @@ def check_pedals(
     `length_scale`: of the vehicle; None: that which steering and curvature imply.
     """
     if length_scale is None:
-        length_scale = implied_length_scale(streams.odometry, streams.command)
+        length_scale = implied_length_scale(streams.odometry, streams.command, streams.imu)
     is_combined = s.torque is not None and float(np.abs(s.torque).max()) <= MAX_PEDAL
     is_combined = is_combined and length_scale == 1.0
     if s.torque is not None and not is_combined:

@@ -93,7 +93,7 @@ def scope_of_streams(
     :param is_torque_estimated: whether the torque was estimated from the motion.
     """
     if length_scale is None:
-        length_scale = implied_length_scale(streams.odometry, streams.command)
+        length_scale = implied_length_scale(streams.odometry, streams.command, streams.imu)
     faults = check_streams(streams)
     about = informative(
         streams, faults.unusable, command_type, length_scale < 1.0, is_torque_estimated

@@ -341,7 +341,9 @@ class _Trainer:
                 curve.append((step + 1, running, value))
                 # Not in the first stage, which minimises a loss over a shorter horizon; and not
                 # against what was fitted before, which a training may reach late.
-                is_lowest = value < min((x for *_, x in curve[:-1]), default=math.inf)
+                is_lowest = value < min(
+                    (x for *_, x in curve[:-1] if math.isfinite(x)), default=math.inf
+                )
                 since = since + 1 if step >= stage and not is_lowest else 0
                 if value < best:
                     best, best_step = value, step + 1

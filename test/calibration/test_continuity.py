@@ -65,3 +65,17 @@ def test_a_channel_without_values_for_long_is_not_used_there() -> None:
     assert interval == pytest.approx((9.9, 14.0))
     assert stream["v_x"][20] == pytest.approx(10.2)
     assert stream.having(v_x=stream["v_x"]).unknown == stream.unknown
+
+
+def test_a_pose_does_not_jump_in_a_bend_where_no_yaw_rate_is_known() -> None:
+    """A heading at 10 Hz turns by 5 degrees a message; what turns the car is the gyro's to say."""
+    at_s = np.linspace(0.0, 39.9, 400)
+    heading = np.where((at_s > 10.0) & (at_s < 12.0), 0.8 * (at_s - 10.0), 0.0)
+    heading = np.where(at_s >= 12.0, 1.6, heading)
+    v = 5.0
+    x, y = (np.cumsum(v * 0.1 * f(heading)) for f in (np.cos, np.sin))
+    columns = {
+        "v_x": np.full(400, v) + 1e-3 * np.sin(at_s), "v_y": np.zeros(400), "x": x, "y": y,
+        "heading": heading, "yaw_rate": np.full(400, np.nan),
+    }  # fmt: skip
+    assert pose_jumps(Stream("odometry", at_s, columns), [], 1.0) == []
