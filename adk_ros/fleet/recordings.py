@@ -166,25 +166,43 @@ def _version(infos: Iterable[dict[str, Any]]) -> str:
 
 def check_unchanged(recording: FleetRecording) -> None:
     """
-    Check that the files are still those that were listed.
+    Check that the files on the disk are still those that were listed.
 
-    One that is being written, or was replaced, would have results that belong to no content.
+    One that is still being written would have results that belong to no content. Objects of a
+    store are checked when they are read (`_check_stored`).
 
-    :raises RecordingChanged: they are not. :raises StoreUnreachable: the store does not answer.
+    :raises RecordingChanged: they are not.
     """
     system, _ = file_system(recording.uri)
+    if not is_local(system):
+        return
     try:
-        if is_local(system):
-            is_same = _version(map(described, recording.files)) == recording.version
-        else:
-            is_same = with_retries(recording.uri, partial(_is_stored, system, recording))
+        is_same = _version(map(described, recording.files)) == recording.version
     except OSError:
         is_same = False
     if not is_same:
-        raise RecordingChanged(
-            f"{recording.uri} has changed while it was read: run the same command again when it "
-            "is complete"
-        )
+        raise _changed_recording(recording)
+
+
+def _check_stored(system: Any, recording: FleetRecording) -> None:
+    """
+    Check that the objects of a store, which have just been read, are those that were listed.
+
+    :raises RecordingChanged: they are not. :raises StoreUnreachable: the store does not answer.
+    """
+    try:
+        is_same = with_retries(recording.uri, partial(_is_stored, system, recording))
+    except FileNotFoundError:
+        is_same = False
+    if not is_same:
+        raise _changed_recording(recording)
+
+
+def _changed_recording(recording: FleetRecording) -> RecordingChanged:
+    return RecordingChanged(
+        f"{recording.uri} has changed while it was read: run the same command again when it is "
+        "complete"
+    )
 
 
 def _is_stored(system: Any, recording: FleetRecording) -> bool:
@@ -244,7 +262,10 @@ def content_hash(recording: FleetRecording) -> str:
         content = with_retries(recording.uri, read)
     except OSError as error:
         raise UsageError(f"{recording.uri} cannot be read: {error.strerror or error}") from None
-    check_unchanged(recording)
+    if is_local(system):
+        check_unchanged(recording)
+    else:
+        _check_stored(system, recording)
     return content
 
 
@@ -281,6 +302,8 @@ def local_recording(recording: FleetRecording) -> Iterator[Path]:
         for name in recording.files:
             copy = target / PurePosixPath(name).name
             with_retries(recording.uri, partial(_copy_file, system, name, copy))
+        # The copy stays as it is: later, a store that does not answer costs no result.
+        _check_stored(system, recording)
         yield copy if is_file else target
     except FileNotFoundError:
         raise RecordingChanged(

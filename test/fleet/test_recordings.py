@@ -19,7 +19,6 @@ from adk_ros.fleet.recording_work import run_on_recording
 from adk_ros.fleet.recordings import (
     RecordingChanged,
     _is_stored,
-    check_unchanged,
     content_hash,
     find_recordings,
     local_recording,
@@ -183,7 +182,7 @@ def test_an_object_that_was_replaced_is_not_the_one_that_was_listed() -> None:
     system, _ = store.file_system("memory://fleet")
     system.pipe("/replaced/a.mcap", b"first")
     (recording,) = find_recordings(["memory://replaced"])
-    check_unchanged(recording)
+    assert len(content_hash(recording)) == 64
     tagged = replace(recording, entity_tags=("1",))
 
     def with_tag(tag: str) -> SimpleNamespace:
@@ -194,10 +193,18 @@ def test_an_object_that_was_replaced_is_not_the_one_that_was_listed() -> None:
     assert not _is_stored(with_tag("2"), tagged)
     system.pipe("/replaced/a.mcap", b"second")
     with pytest.raises(RecordingChanged, match="has changed while it was read"):
-        check_unchanged(recording)
+        content_hash(recording)
+    with (
+        pytest.raises(RecordingChanged, match="has changed while it was read"),
+        local_recording(recording),
+    ):
+        pass
     system.rm("/replaced/a.mcap")
-    with pytest.raises(RecordingChanged):
-        check_unchanged(recording)
+    with (
+        pytest.raises(RecordingChanged, match="has been removed from the store"),
+        local_recording(recording),
+    ):
+        pass
 
 
 def test_an_outage_is_survived_or_reported_in_a_line() -> None:
