@@ -3,22 +3,22 @@
 """
 How long the work on a recording takes, before a store has a result of it.
 
-Measured with the commands of doc/fleet.md on an idle AMD EPYC: an order of magnitude on other
-machines and at other sample rates. The first results replace it.
+Measured with the commands of doc/fleet.md on an AMD EPYC: an order of magnitude, on other machines
+and at other sample rates. The first results replace it.
 """
 
 from __future__ import annotations
 
 DEFAULT_CORE_S = {
-    "index": 0.25,
-    "replay": 0.0,
-    "explain": 0.0,
+    "index": 0.7,
+    "replay": 1.7,
+    "explain": 13.0,
     "evidence": 0.4,
-    "shards": 0.0,
+    "shards": 0.5,
 }
 """s of a core for a minute of recording, by stage; of `evidence`, in each pass."""
 
-DEFAULT_STEP_S = 0.0
+DEFAULT_STEP_S = 0.05
 """s of a training step of 'adk fleet train' with its default settings."""
 
 
