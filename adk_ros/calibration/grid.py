@@ -107,8 +107,9 @@ def shifted(values: FloatArray, later_s: float) -> FloatArray:
 
 def on_grid(streams: Streams, unusable: Iterable[tuple[float, float]]) -> Signals | None:
     """
-    Return the signals on the time that all streams cover; None if they do not overlap, or if there
-    is none.
+    Return the signals on the time that all streams cover.
+
+    None if they do not overlap, or if there is none.
 
     :param unusable: intervals (s) of gaps, frozen readings and jumps, which get weight zero
         together with `GUARD_S` around them.
