@@ -153,7 +153,7 @@ def test_a_place_on_slopes_is_claimed_only_for_an_error_that_is_not_explained(
     monkeypatch.setattr(
         slopes_beyond_simulation,
         "reassessed",
-        lambda decision, training, path, left, refuted: replace(
+        lambda decision, training, path, left: replace(
             decision, hypothesis=Hypothesis(tuple(left), nuisances, 0.0)
         ),
     )
