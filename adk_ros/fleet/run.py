@@ -98,13 +98,15 @@ def run_stage(
             _list_and_copy(version, recordings, hashes, found, dataset)
             return _summary(recordings, found, Counter(), 0.0)
         with cluster() as opened:
-            if wanted := found.to_hash(limits.count):
+            wanted = found.to_hash(limits.count)
+            if wanted:
                 _hash_recordings(wanted, opened, dataset, limits, progress)
-                left = _identities(found.unhashed) - _identities(wanted)
-                to_do = {k: v for k, v in dataset.content_hashes().items() if k not in left}
-                found = plan(version, recordings, to_do, dataset, limits.retry_failed)
-            # Those that are left for later keep what is known of them.
+            # Recordings that are left for later keep what is known of them.
             hashes = dataset.content_hashes()
+            if wanted:
+                left = _identities(found.unhashed) - _identities(wanted)
+                to_do = {k: v for k, v in hashes.items() if k not in left}
+                found = plan(version, recordings, to_do, dataset, limits.retry_failed)
             _list_and_copy(version, recordings, hashes, found, dataset)
             return _compute(stage, version, recordings, found, opened, dataset, limits, progress)
 

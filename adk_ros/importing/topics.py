@@ -126,13 +126,13 @@ def _add_odometry(given: dict[str, SourceChannel], outcome: Outcome, notes: list
     rate = given.get("odometry_yaw_rate")
     gyro = given.get("yaw_rate")
     measured = set(stream.values)
-    if rate is None and gyro is not None and has_imu:
-        # A copy that counts as measured would confirm every error of the gyro.
+    if rate is None and gyro is not None:
         stream = _with_channel("odometry", stream, "odometry_yaw_rate", gyro, "v_x", notes)
-        notes.append("no yaw rate but the gyro's: marked as not measured in odometry")
-    elif rate is None and gyro is not None:
-        measured.add("odometry_yaw_rate")
-        stream = _with_channel("odometry", stream, "odometry_yaw_rate", gyro, "v_x", notes)
+        if has_imu:
+            # A copy that counts as measured would confirm every error of the gyro.
+            notes.append("no yaw rate but the gyro's: marked as not measured in odometry")
+        else:
+            measured.add("odometry_yaw_rate")
     elif rate is None:
         notes.append("no yaw rate: written as 0 in odometry and marked as not measured")
     if not {"v_y", "v_y_estimated"} & set(given):

@@ -161,11 +161,9 @@ def estimate_stage(
     expected, basis = None, f"the rate of {measured} recordings" if measured else ""
     if not sizes:
         expected = 0.0
-    elif not options.workers:
-        pass
-    elif measured and rate_bytes:
+    elif options.workers and rate_bytes:
         expected = seconds * sum(sizes) / rate_bytes / options.workers
-    elif stage.name in DEFAULT_CORE_S:
+    elif options.workers and stage.name in DEFAULT_CORE_S:
         minutes = recording_minutes(found, dataset)
         if minutes is not None:
             share = sum(sizes) / sum(each.size for each in found)
