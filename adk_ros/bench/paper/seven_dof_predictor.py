@@ -17,7 +17,10 @@ from adk_ros.signals.channels import Record
 
 _BATCH = 4096
 _HISTORY, _STRIDE = 8, 20
-"""Rows before the first one compared, and from one to the next, as on the tests."""
+"""
+Rows before the first one compared, and from one to the next, as on the tests. Readings older than
+the history are not gone on from.
+"""
 
 
 @dataclass(frozen=True)
@@ -66,14 +69,30 @@ class SevenDof:
         return self if logs < 0.0 else other
 
     def predict(self, record: Record, rows: IntArray, ahead: int) -> FloatArray:
-        """As `BenchPredictor.predict`."""
+        """
+        As `BenchPredictor.predict`.
+
+        At a row that repeats an old reading, the prediction from the last new one goes on.
+        """
         constants = self.vehicle.constants()
-        at_start = actuator_state_history(constants, record)[rows]
+        reached = actuator_state_history(constants, record)
         out = np.empty((rows.shape[0], ahead, 3))
-        for first in range(0, rows.shape[0], _BATCH):
-            part = slice(first, first + _BATCH)
-            commands = record.u[rows[part, None] + np.arange(ahead)]
-            out[part] = rollout(
-                constants, record.x[rows[part]], commands, actuators=at_start[part], mu=self.mu
-            )
+        starts = _last_new(record, rows)
+        for passed in np.unique(rows - starts):
+            of = np.flatnonzero(rows - starts == passed)
+            for chosen in np.array_split(of, -(-of.size // _BATCH)):
+                part = starts[chosen]
+                commands = record.u[part[:, None] + np.arange(ahead + passed)]
+                out[chosen] = rollout(
+                    constants, record.x[part], commands, actuators=reached[part], mu=self.mu
+                )[:, passed:]
         return out
+
+
+def _last_new(record: Record, rows: IntArray) -> IntArray:
+    """Return for each of `rows` the last one with a new reading, a few rows before at most."""
+    last = np.maximum.accumulate(np.where(record.learnable, np.arange(len(record)), -1))[rows]
+    usable = (last >= np.maximum(rows - _HISTORY, 0)) & (
+        record.episode[last] == record.episode[rows]
+    )
+    return np.asarray(np.where(usable, last, rows))

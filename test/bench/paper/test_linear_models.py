@@ -178,3 +178,20 @@ def test_actuator_states_restart_at_a_gap() -> None:
     alone = model.predict(broken.rows(slice(50, None)), np.array([0]), 10)
     np.testing.assert_array_equal(model.predict(broken, rows, 10), alone)
     assert np.abs(model.predict(whole, rows, 10) - alone).max() > 1e-3
+
+
+def test_physics_goes_on_where_a_reading_is_repeated() -> None:
+    drive = record(seed=7)
+    flags = drive.flags.copy()
+    flags[60] |= int(Flag.ODOMETRY_STALE)
+    x = drive.x.copy()
+    x[60] = x[59]
+    repeated = dataclasses.replace(drive, x=x, flags=flags)
+    model = SevenDof(load_vehicle("imdv"))
+    from_last = model.predict(repeated, np.array([59]), 11)
+    np.testing.assert_array_equal(model.predict(repeated, np.array([60]), 10)[0], from_last[0, 1:])
+    # It is no part of the past either.
+    later = model.predict(repeated, np.array([63]), 10)
+    x[60] += 1.0
+    altered = dataclasses.replace(repeated, x=x)
+    np.testing.assert_array_equal(model.predict(altered, np.array([63]), 10), later)
