@@ -223,7 +223,12 @@ def fit(
     if single and not trainer_of(None, single).validate() < _SINGLE_TRACK_ACCEPT_LOSS:
         single = None
     if single:
-        trainer = trainer_of(quadratic, single)
+        combined = trainer_of(quadratic, single)
+        # Beside quadratic features it must make them better, also before the training.
+        if quadratic is not None and not combined.validate() < trainer.validate():
+            single = None
+        else:
+            trainer = combined
     key = checkpoint.fingerprint(settings, [*train, *validation])
     if windows is not None:
         key += windows.key

@@ -15,6 +15,7 @@ from adk_ros.model.lifting.scaling import Scaling
 from adk_ros.model.lifting.single_track import single_track_change
 from adk_ros.numerics.arrays import FloatArray
 from adk_ros.signals.channels import TICK_NS, Record
+from adk_ros.train import network_fit
 from adk_ros.train.dataset import Sequences
 from adk_ros.train.network import Network, as_tensor
 from adk_ros.train.network_fit import fit, scaling_of
@@ -124,6 +125,20 @@ def test_it_is_used_only_if_it_predicts_the_validation_part() -> None:
     random = np.random.default_rng(3)
     unrelated = replace(right, u=right.u[random.permutation(len(right.u))])
     assert fit([unrelated], [unrelated], settings).single_track is None
+
+
+def test_beside_quadratic_features_it_must_make_them_better(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    settings = TrainSettings(
+        steps=10, batch=32, hidden=8, validate_every=10, single_track=True, history=2
+    )
+    data = [record_of(driven(0), "right")], [record_of(driven(1), "other")]
+    losses = iter([0.05, 0.4, 0.04, 0.05])
+    monkeypatch.setattr(network_fit._Trainer, "validate", lambda _: next(losses, 0.01))
+    assert fit(*data, settings).single_track is not None
+    losses = iter([0.05, 0.4, 0.06, 0.05])
+    assert fit(*data, settings).single_track is None
 
 
 def test_lag_weights_are_means_over_a_tick_and_sum_to_one() -> None:
