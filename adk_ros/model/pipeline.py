@@ -185,7 +185,7 @@ class Pipeline:
                 continue
             self.gate.expect(
                 sample.stamp_ns,
-                self.predictor.filtered_state,
+                self.predictor.present_state,
                 prediction.x,
                 self.predictor.uncertainty_growth,
             )

@@ -48,7 +48,7 @@ from adk_ros.model.tick_steps import (
     TickParts,
     make_tick_steps,
 )
-from adk_ros.model.uncertainty.fallback import KNOWN, take_sample
+from adk_ros.model.uncertainty.fallback import KNOWN, coast, take_sample
 from adk_ros.model.uncertainty.published_horizons import PublishedHorizonErrors
 from adk_ros.numerics.arrays import FloatArray
 from adk_ros.signals.channels import TICK_NS, UNLEARNABLE, Flag, Sample
@@ -109,8 +109,8 @@ class Predictor:
             held_input_errors(model, horizon_steps), PRIOR_ROLLOUTS
         )
         self._model_rollout = ModelRollout(model, self._memory)
-        self._has_fallback = model.fallback.is_active
-        self._takes_samples = bool(horizon_steps or self._memory.fallback.weights.shape[2])
+        self._mixes = bool(self._memory.fallback.weights.shape[2])
+        self._takes_samples = bool(horizon_steps or self._mixes)
         parts = TickParts(
             model,
             self._memory,
@@ -139,6 +139,7 @@ class Predictor:
         self._withheld_in_succession = 0
         self._predicted: FloatArray | None = None
         self._predicted_by_model: FloatArray | None = None
+        self._coasted_to: FloatArray | None = None
         self._consecutive_valid_samples = 0
         self._memory.reset()
 
@@ -167,8 +168,13 @@ class Predictor:
 
     @property
     def filtered_state(self) -> FloatArray:
-        """The observer's state (3,) after the last sample, SI."""
+        """The observer's state (3,) after the last sample, SI; while coasting, the model's."""
         return np.array(self._memory.filtered)
+
+    @property
+    def present_state(self) -> FloatArray:
+        """State (3,) that the prediction starts from, SI: the observer's, or the predicted one."""
+        return self.filtered_state if self._coasted_to is None else self._coasted_to.copy()
 
     @property
     def disturbance(self) -> FloatArray:
@@ -200,13 +206,14 @@ class Predictor:
         self._uncertain_ticks = 0 if trusted else self._uncertain_ticks + 1
         if measured:
             self._coasted = 0
+            self._coasted_to = None
             state = np.array(sample.x)
         else:
             self._coasted += 1
             if self._predicted is None or self._coasted > self.max_coast_steps:
                 self._lose_state()
                 return None
-            state = self._predicted
+            state = self._coasted_to = self._predicted
         return self._advance(sample, state, measured, self.horizon_steps if with_horizon else 0)
 
     def rollout(self, u_ahead: FloatArray) -> FloatArray:
@@ -226,7 +233,7 @@ class Predictor:
         )
         if result is None:
             return np.full((u_ahead.shape[0], 3), math.nan)
-        if self._memory.fallback.weights.shape[2]:
+        if self._mixes:
             replace_by_naive(result, KNOWN, self._memory.rows)
         return result
 
@@ -290,7 +297,7 @@ class Predictor:
         self._n_samples = 0
         self._predicted = None
         self._consecutive_valid_samples = 0
-        self._memory.fallback.start[:] = math.nan
+        self._memory.lose_state()
 
     def _advance(
         self, sample: Sample, state: FloatArray, measured: bool, horizon_steps: int
@@ -307,17 +314,21 @@ class Predictor:
             predicted = self._predicted
             if measured:
                 innovation = state - predicted
-                # The observer corrects the model, whoever predicts.
-                if self._predicted_by_model is not None:
-                    predicted = self._predicted_by_model
+            # The observer corrects the model, whoever predicts, and so does the model go on alone.
+            if self._predicted_by_model is not None:
+                predicted = self._predicted_by_model
+            if measured:
                 # Both lifts of the pair, with their past samples, must be of learnable samples.
                 enough = self._consecutive_valid_samples >= self.model.history + 2
                 learns = enough and not warming_up
         if self._takes_samples:
-            continues = not sample.flags & _LEVEL_CHANGE
-            take_sample(state, sample.a, continues, self._memory.fallback)
+            if measured:
+                continues = not sample.flags & _LEVEL_CHANGE
+                take_sample(state, sample.a, continues, self._memory.fallback)
+            else:
+                coast(sample.a, self._memory.fallback)
         # A repeated odometry reading says less than the prediction for this tick, for a while.
-        stale = 0 < self._stale_ticks <= self.max_coast_steps
+        stale = not measured or 0 < self._stale_ticks <= self.max_coast_steps
         flags = self._tick_flags
         flags |= (0 if self._uncertain_ticks else IS_TRUSTED) | (IS_USABLE if usable else 0)
         flags |= (LEARNS if learns else 0) | (IS_WARMING_UP if warming_up else 0)
@@ -342,7 +353,7 @@ class Predictor:
         self._withheld_in_succession = 0
         # A copy: callers may write to what is returned.
         self._predicted = horizon[0].copy()
-        if self._has_fallback:
+        if self._mixes:
             self._predicted_by_model = self._memory.fallback.of_model.copy()
         self.status = Status.PREDICTED if measured else Status.COASTING
         return Prediction(

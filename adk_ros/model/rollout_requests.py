@@ -87,7 +87,7 @@ class RolloutRequests:
             states = predictor.roll_out_many(commands)
         except UsageError as error:
             raise self._refusal("not predictable", str(error)) from None
-        return prediction.origin_ns, with_drivable(predictor.filtered_state, states)
+        return prediction.origin_ns, with_drivable(predictor.present_state, states)
 
     def _commands(self, shape: tuple[int, ...], values: ArrayLike) -> FloatArray:
         if len(shape) != 3 or shape[-1] != 2 or min(shape) < 1:

@@ -134,8 +134,13 @@ class TickMemory:
         self.disturbance[:] = 0.0
         self.tick.autocorrelation[:] = 0.0
         self.covariance[:] = self._errors
-        self.fallback.start[:] = np.nan
+        self.lose_state()
         self.fallback.weights[:] = self.fallback.trained
+
+    def lose_state(self) -> None:
+        """Forget what naive predictors start from."""
+        self.fallback.start[:] = np.nan
+        self.fallback.coasted[0] = 0
 
 
 @strict_kernel
@@ -165,7 +170,11 @@ def memory_arrays(rows: IntArray) -> MemoryArrays:
         integers_1(rows, 19),
         floats_1(rows, 20),
         FallbackArrays(
-            floats_4(rows, 21), floats_2(rows, 22), floats_1(rows, 23), floats_4(rows, 24)
+            floats_4(rows, 21),
+            floats_2(rows, 22),
+            floats_1(rows, 23),
+            floats_4(rows, 24),
+            integers_1(rows, 25),
         ),
     )
 
@@ -187,10 +196,16 @@ def observe(
 
 
 @strict_kernel
-def start_of_horizon(rows: IntArray) -> FloatArray:
-    """Return the present state (3,), SI, limited as predicted states are."""
+def start_of_horizon(state: FloatArray, rows: IntArray) -> FloatArray:
+    """
+    Return the present state (3,), SI, limited as predicted states are.
+
+    While coasting it is `state`, which naive predictors have a part in.
+    """
     memory = memory_arrays(rows)
-    scaling, base = memory.scaling, np.empty(3)
+    scaling, base = memory.scaling, state.copy()
+    if memory.fallback.coasted[0] > 0:
+        return base
     for c in range(3):
         x = min(max(memory.tick.x_past[0, c], -MAX_SCALED_STATE), MAX_SCALED_STATE)
         base[c] = x * scaling.x_scale[c] + scaling.x_mean[c]

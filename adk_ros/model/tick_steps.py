@@ -131,7 +131,7 @@ class StepwiseTick:
         horizon[:] = rows
         if model.fallback.is_active:
             replace_published_by_naive(horizon, memory.rows)
-        usable, base = bool(flags & IS_USABLE), start_of_horizon(memory.rows)
+        usable, base = bool(flags & IS_USABLE), start_of_horizon(given.state, memory.rows)
         naive = imu_horizon(len(horizon), memory.rows)
         compare_and_publish(given.state, usable, base, naive, horizon, ahead, slot, published.rows)
         if flags & WITHHOLDS and not is_drivable(given.state, horizon):
@@ -312,7 +312,8 @@ def predict_and_compare(
     take_over_published(horizon, memory.fallback)
     published = published_arrays(published_rows)
     compare_horizons(state, flags & IS_USABLE != 0, published)
-    base, naive = start_of_horizon(memory_rows), imu_horizon(horizon.shape[0], memory_rows)
+    base = start_of_horizon(state, memory_rows)
+    naive = imu_horizon(horizon.shape[0], memory_rows)
     publish_horizon(base, naive, horizon, ahead, slot, published)
     if flags & WITHHOLDS and not is_drivable(state, horizon):
         forget_horizon(slot, published)

@@ -83,7 +83,7 @@ class PlanTopics:
         after_s = (prediction.origin_ns - stamp_ns) * 1e-9
         if not (np.isfinite(start).all() and abs(after_s) <= self._oldest_s):
             return
-        present = self._at_base(self._core.pipeline.predictor.filtered_state[None])[0]
+        present = self._at_base(self._core.pipeline.predictor.present_state[None])[0]
         horizon = self._at_base(prediction.horizon)
         poses = pose_horizon(moved_pose(start, present, after_s), present, horizon)
         fixed_frame = str(message.header.frame_id)

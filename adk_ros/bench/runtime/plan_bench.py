@@ -253,7 +253,7 @@ def _horizons(model: KoopmanModel, record: Record, rows: IntArray, kind: str) ->
         if i is not None:
             horizon, covariance = prediction.horizon, prediction.horizon_covariance
             horizons[i], variances[i] = horizon, np.einsum("hcc->hc", covariance)
-            path = pose_horizon(np.zeros(3), predictor.filtered_state, horizon)
+            path = pose_horizon(np.zeros(3), predictor.present_state, horizon)
             spread = pose_covariance(path, horizon, covariance)
             paths[i], path_variances[i] = path[scored], np.einsum("hcc->hc", spread)[scored]
             follows += max(prediction.planned_steps) == _STEPS

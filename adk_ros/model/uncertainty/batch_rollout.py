@@ -161,7 +161,7 @@ def output_tables(start: RolloutStart, output: OutputArrays, naive: FloatArray) 
             table[i, 0, c] = predicted_error(h, c, 0, output.weights, now)
             table[i, 1, c] = output.shrinkage[h, c]
     if output.fallback.weights.shape[2] > 0:
-        weighted_naive(output.fallback.weights, output.fallback.start, KNOWN, naive)
+        weighted_naive(output.fallback, KNOWN, False, naive)
     else:
         naive[:] = 0.0
     return table

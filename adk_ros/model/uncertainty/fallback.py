@@ -22,7 +22,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from adk_ros.numerics.arrays import FloatArray
+from adk_ros.numerics.arrays import FloatArray, IntArray
 from adk_ros.numerics.numba_cache import strict_kernel
 from adk_ros.signals.channels import STATE_NAMES
 from adk_ros.signals.score import DISPLAY_NAMES, HORIZON_STEPS, NAIVE_PREDICTORS, TICK_S
@@ -130,15 +130,17 @@ class FallbackArrays(NamedTuple):
     What kernels see of a fallback and of the samples that naive predictors start from, SI.
 
     `weights`: present ones, by kind of commands, predictor, step and channel; `trained`: those of
-    `Fallback`. Without a step if nothing is ever mixed. `start` (3, 3): the state; its
-    change over the last tick; a_x and a_y. NaN where unknown. `of_model` (3,): the model's
-    prediction for the next tick.
+    `Fallback`. Without a step if nothing is ever mixed. `start` (4, 3): the last measured state;
+    its change over a tick; a_x and a_y; the present state by IMU integration since that
+    measurement. NaN where unknown. `of_model` (3,): the model's prediction for the next tick.
+    `coasted` (1,): ticks since that measurement.
     """
 
     weights: FloatArray
     start: FloatArray
     of_model: FloatArray
     trained: FloatArray
+    coasted: IntArray
 
 
 def fallback_arrays(fallback: Fallback, monitored_steps: int) -> FallbackArrays:
@@ -155,9 +157,10 @@ def fallback_arrays(fallback: Fallback, monitored_steps: int) -> FallbackArrays:
         used = used[:, :, index] if known else empty
     return FallbackArrays(
         np.array(used, dtype=np.float64, order="C"),
-        np.full((3, 3), np.nan),
+        np.full((4, 3), np.nan),
         np.full(3, np.nan),
         np.array(used, dtype=np.float64, order="C"),
+        np.zeros(1, np.int64),
     )
 
 
@@ -165,25 +168,38 @@ def take_sample(
     state: FloatArray, a: tuple[float, float], is_continuation: bool, fallback: FallbackArrays
 ) -> None:
     """
-    Take the state (3,) and the specific force `a` of a tick, SI.
+    Take the measured state (3,) and the specific force `a` of a tick, SI.
 
     `is_continuation`: the state follows the last one; otherwise that one's change is kept.
     """
-    start = fallback.start
+    start, ticks = fallback.start, fallback.coasted[0] + 1
     if is_continuation:
-        start[1] = state - start[0]
-    start[0] = state
+        start[1] = (state - start[0]) / ticks
+    start[0] = start[3] = state
     start[2, :2] = a
+    fallback.coasted[0] = 0
+
+
+def coast(a: tuple[float, float], fallback: FallbackArrays) -> None:
+    """
+    Take the specific force `a` of a tick without a measured state, SI.
+
+    What persists or goes on in a line does so from the last measurement; the IMU is integrated.
+    """
+    start = fallback.start
+    integrate_imu(start, start[3:])
+    start[2, :2] = a
+    fallback.coasted[0] += 1
 
 
 @strict_kernel
 def integrate_imu(start: FloatArray, out: FloatArray) -> None:
     """
-    Write the states (h, 3), SI, from `start` (3, 3) on at the present specific force and yaw rate.
+    Write the states (h, 3), SI, from now on at the present specific force and yaw rate.
 
-    NaN where they are unknown; `start` as in `FallbackArrays`.
+    NaN where they are unknown; `start` (4, 3) as in `FallbackArrays`.
     """
-    v_x, v_y, rate = start[0, 0], start[0, 1], start[0, 2]
+    v_x, v_y, rate = start[3, 0], start[3, 1], start[3, 2]
     a_x, a_y = start[2, 0], start[2, 1]
     angle = rate * TICK_S
     cos, sin = np.cos(angle), np.sin(angle)
@@ -207,25 +223,39 @@ def learn_weight(h: int, c: int, weight: float, fallback: FallbackArrays) -> Non
 
 
 @strict_kernel
-def weighted_naive(weights: FloatArray, start: FloatArray, commands: int, out: FloatArray) -> None:
+def weighted_naive(
+    fallback: FallbackArrays, commands: int, as_trained: bool, out: FloatArray
+) -> None:
     """
     Write the weight of all naive predictors and the weighted sum of their states: out (h, 2, 3).
 
-    SI; by the equations of `adk_ros.signals.score`. A predictor counts only where it is known.
+    SI; by the equations of `adk_ros.signals.score`, from the last measurement on. A predictor
+    counts only where it is known. Without an IMU the weights are as trained: what was learned is
+    that of its integration. Ticks since the measurement count as steps, under known commands; in a
+    horizon that holds the commands from now on, weights of both kinds count, by the share of steps
+    of either.
     """
-    last = weights.shape[2] - 1
+    start, passed = fallback.start, fallback.coasted[0]
     of_imu = np.empty((out.shape[0], 3))
     integrate_imu(start, of_imu)
+    knows_imu = np.isfinite(start[2, 0] + start[2, 1])
+    weights = fallback.trained if as_trained or not knows_imu else fallback.weights
+    last = weights.shape[2] - 1
     for i in range(out.shape[0]):
+        since = min(i + passed, last)
+        # The command of the first step is known; without a tick before, it is a held one's too.
+        share = i / (i + passed) if passed > 0 else 1.0
         for c in range(3):
             out[i, 0, c] = out[i, 1, c] = 0.0
             for p in range(weights.shape[1]):
-                weight = weights[commands, p, min(i, last), c]
+                weight = weights[KNOWN, p, since, c]
+                if commands != KNOWN:
+                    weight += share * (weights[commands, p, since, c] - weight)
                 if not weight > 0.0:
                     continue
                 state = start[0, c]
                 if p == _LINEAR_EXTRAPOLATION:
-                    state += (i + 1) * start[1, c]
+                    state += (i + 1 + passed) * start[1, c]
                 elif p == _IMU_INTEGRATION:
                     state = of_imu[i, c]
                 if np.isfinite(state):
@@ -239,7 +269,7 @@ def take_over(horizon: FloatArray, commands: int, fallback: FallbackArrays) -> N
     if fallback.weights.shape[2] == 0:
         return
     naive = np.empty((horizon.shape[0], 2, 3))
-    weighted_naive(fallback.weights, fallback.start, commands, naive)
+    weighted_naive(fallback, commands, False, naive)
     for i in range(horizon.shape[0]):
         for c in range(3):
             if naive[i, 0, c] > 0.0:

@@ -203,13 +203,14 @@ def compare_horizons(state: FloatArray, usable: bool, published: PublishedArrays
                 y = state[c] - stored.base[slot, c]
                 y = min(max(y, -MAX_ERROR), MAX_ERROR)
                 m = stored.values[slot, h, 2, c] - stored.base[slot, c]
-                update_shrinkage(h, c, m, y, stored.sums, stored.shrinkage)
                 change = stored.shrinkage[h, c] * m
-                error[c] = y - change
+                # Before what is learned takes the error into account, and makes it smaller.
+                error[c] = of_model = y - change
+                update_shrinkage(h, c, m, y, stored.sums, stored.shrinkage)
                 d = stored.naive[slot, h, c] - stored.base[slot, c] - change
                 if np.isfinite(d):
-                    update_weight(h, c, d, error[c], stored.naive_sums, stored.weight)
                     error[c] -= stored.weight[h, c] * d
+                    update_weight(h, c, d, of_model, stored.naive_sums, stored.weight)
         update_conformal_scale(h, error, issued_error, variance, scale)
 
 

@@ -319,8 +319,8 @@ def store_naive(
     """Store the naive predictions of the rollout that has started in `slot`."""
     steps = slots.naive.shape[2]
     naive, trained, of_imu = np.empty((steps, 2, 3)), np.empty((steps, 2, 3)), np.empty((steps, 3))
-    weighted_naive(fallback.weights, fallback.start, KNOWN, naive)
-    weighted_naive(fallback.trained, fallback.start, KNOWN, trained)
+    weighted_naive(fallback, KNOWN, False, naive)
+    weighted_naive(fallback, KNOWN, True, trained)
     integrate_imu(fallback.start, of_imu)
     for h in range(steps):
         for c in range(3):
@@ -374,8 +374,9 @@ def update_rollouts(
             accumulate_moments(h, c, y - plain, slot, slots.initial_disturbance, moments)
             if slot % _REGRESSION_STRIDE == 0:
                 solve_shrunk_regression(h, c, moments, factors, weights)
-            update_shrinkage(h, c, m, y, sums, shrinkage)
+            # Before the shrinkage takes the error into account, which would make it smaller.
             error[c] = y - shrinkage[h, c] * m
+            update_shrinkage(h, c, m, y, sums, shrinkage)
             issued_change = plain + slots.issued[slot, h, 2, c]
             issued_error[c] = y - slots.issued[slot, h, 0, c] * issued_change
             naive = slots.naive[slot, :, h, c]
@@ -384,8 +385,8 @@ def update_rollouts(
             if h > 0 and monitor.naive.learns[0] != 0:
                 d = naive[4] - (y - error[c])
                 if np.isfinite(d):
-                    update_weight(h, c, d, error[c], monitor.naive.sums, monitor.naive.weight)
-                    weight = monitor.naive.weight[h, c]
-                    learn_weight(h, c, weight, fallback)
-                    error[c] -= weight * d
+                    of_model = error[c]
+                    error[c] -= monitor.naive.weight[h, c] * d
+                    update_weight(h, c, d, of_model, monitor.naive.sums, monitor.naive.weight)
+                    learn_weight(h, c, monitor.naive.weight[h, c], fallback)
         update_conformal_scale(h, error, issued_error, slots.issued[slot, h, 1], scale)

@@ -178,6 +178,102 @@ def test_defective_samples_are_predicted_from(record: Record, flag: Flag) -> Non
             assert np.abs(made.horizon[0] - item.x).max() < 2.0
 
 
+def coasted(of: KoopmanModel, record: Record, ticks: int) -> list[Prediction]:
+    """Predictions while odometry is lost for some ticks after row 200."""
+    car = Predictor(of)
+    made = []
+    for row in range(201 + ticks):
+        item = sample_at(record, row)
+        if row > 200:
+            item = item._replace(x=(np.nan,) * 3, flags=item.flags | int(Flag.COASTING))
+        prediction = car.step(item)
+        if row > 200:
+            assert prediction is not None
+            made.append(prediction)
+    return made
+
+
+def test_naive_predictors_start_from_the_last_measurement_while_coasting(
+    record: Record, unshrunk: None
+) -> None:
+    """As many steps ahead as have passed, and not from what they have said themselves."""
+    naive = {name: x[0] for name, x in naive_predictions(record, np.array([200]), 120).items()}
+    for predictor, name in enumerate(NAIVE_PREDICTORS):
+        made = coasted(model(only(predictor)), record, 10)
+        for passed, prediction in enumerate(made, 1):
+            if name == NAIVE_PREDICTORS[2]:
+                continue
+            wanted = naive[name][passed : passed + 80]
+            np.testing.assert_allclose(prediction.horizon, wanted, rtol=1e-9, atol=1e-9)
+    # The IMU goes on measuring.
+    state = record.x[200]
+    for row, prediction in enumerate(coasted(model(only(2)), record, 10), 200):
+        at = replace(record, x=np.tile(state, (len(record), 1)))
+        state = naive_predictions(at, np.array([row]), 1)[NAIVE_PREDICTORS[2]][0, 0]
+        at = replace(record, x=np.tile(state, (len(record), 1)))
+        wanted = naive_predictions(at, np.array([row + 1]), 80)[NAIVE_PREDICTORS[2]][0]
+        np.testing.assert_allclose(prediction.horizon, wanted, rtol=1e-9, atol=1e-9)
+
+
+def test_while_coasting_the_model_goes_on_alone(record: Record, unshrunk: None) -> None:
+    """A weight at the first step is none at later ones: persistence for a second is far worse."""
+    first = np.zeros((2, 3, 80, 3))
+    first[:, 0, 0] = 1.0
+    alone, mixed = (coasted(model(given), record, 20) for given in (None, first))
+    for one, other in zip(alone, mixed, strict=True):
+        np.testing.assert_allclose(other.x, one.x, rtol=1e-9, atol=1e-9)
+
+
+def test_while_coasting_weights_count_by_the_share_of_steps(
+    record: Record, unshrunk: None
+) -> None:
+    """Of the ticks since the measurement, and of the steps for which the command is held."""
+    given = np.zeros((2, 3, 80, 3))
+    given[0, 0, :, 0] = np.linspace(0.0, 0.5, 80)
+    given[1, 0, :, 0] = np.linspace(0.0, 1.0, 80)
+    alone, mixed = (coasted(model(of), record, 20) for of in (None, given))
+    steps = np.arange(80)
+    for passed, (one, other) in enumerate(zip(alone, mixed, strict=True), 1):
+        known, held = given[:, 0, np.minimum(steps + passed, 79), 0]
+        weight = known + steps / (steps + passed) * (held - known)
+        wanted = one.horizon[:, 0] + weight * (record.x[200, 0] - one.horizon[:, 0])
+        np.testing.assert_allclose(other.horizon[:, 0], wanted, rtol=1e-9, atol=1e-9)
+
+
+def test_the_present_state_is_the_published_one(record: Record, unshrunk: None) -> None:
+    """A reading is expected on the line from it to the next: both are of one prediction."""
+    given = np.zeros((2, 3, 80, 3))
+    given[0, 0, 1:, 0] = 1.0
+    car = Predictor(model(given))
+    for row in range(210):
+        item = sample_at(record, row)
+        if row > 200:
+            item = item._replace(x=(np.nan,) * 3, flags=item.flags | int(Flag.COASTING))
+        before = car._predicted
+        made = car.step(item)
+    assert made is not None
+    assert before is not None
+    np.testing.assert_array_equal(car.present_state, before)
+    assert car.present_state[0] == made.x[0] == record.x[200, 0]
+    assert car.filtered_state[0] != record.x[200, 0]
+
+
+def test_a_learned_weight_of_the_imu_goes_with_the_imu(record: Record) -> None:
+    """What it was is the model's or a naive predictor's, as trained."""
+    given = np.zeros((2, 3, 80, 3))
+    given[0, 0, :, 0] = 1.0
+    car = Predictor(model(given))
+    fallback = car._memory.fallback
+    car.step(sample_at(record, 0))
+    for row in range(1, 50):
+        car.step(sample_at(record, row))
+    fallback.weights[0, 0, :, 0], fallback.weights[0, 2, :, 0] = 0.2, 0.8
+    learned = car.rollout(record.u[49:59])[:, 0]
+    assert np.ptp(learned) > 1e-6
+    fallback.start[2] = np.nan
+    np.testing.assert_allclose(car.rollout(record.u[49:59])[:, 0], record.x[49, 0], atol=1e-9)
+
+
 def walk(n: int, seed: int = 4) -> Array:
     random = np.random.default_rng(seed)
     steps = np.cumsum(random.standard_t(4, (n, 3)) * [0.02, 0.006, 0.004], axis=0)

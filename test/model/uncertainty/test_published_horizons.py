@@ -152,13 +152,15 @@ def test_horizons_are_shrunk_and_weighted_by_what_happened() -> None:
                 continue
             m, y = horizon[h] - base, np.array(item.x) - base
             sums[:, h] = 0.985 * sums[:, h] + [m * y, m * m, np.ones(3), y * y]
+            before = k_of[h].copy()
             my, mm, n, yy = sums[:, h]
             slope = my / mm
             residual = np.maximum(yy - slope * my, 0.0) / n
             certain = np.maximum(1.0 - residual / ((1.0 - slope) ** 2 * mm), 0.0)
             k_of[h] = np.clip(1.0 - n / (n + 3.0) * certain * (1.0 - slope), 0.0, 1.0)
-            e = y - k_of[h] * m
-            d = naive[h] - base - k_of[h] * m
+            # What is learned from a horizon is of those that it was learned from before.
+            e = y - before * m
+            d = naive[h] - base - before * m
             of_imu[:, h] = 0.985 * of_imu[:, h] + [d * e, d * d, np.ones(3), e * e]
             de, dd, n, ee = of_imu[:, h]
             slope = de / np.maximum(dd, 1e-12)
@@ -168,7 +170,7 @@ def test_horizons_are_shrunk_and_weighted_by_what_happened() -> None:
         base = shrunk.filtered_state
         wanted = base + k_of * (said.horizon - base)
         naive = np.empty((80, 3))
-        integrate_imu(np.array([item.x, np.zeros(3), [*item.a, np.nan]]), naive)
+        integrate_imu(np.array([item.x, np.zeros(3), [*item.a, np.nan], item.x]), naive)
         wanted += w_of * (naive - wanted)
         wanted[0] = said.horizon[0]
         np.testing.assert_allclose(made.horizon, wanted, rtol=1e-9, atol=1e-9)
