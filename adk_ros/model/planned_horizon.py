@@ -5,7 +5,8 @@ The horizon under planned commands.
 
 A prediction's horizon holds the present command. Where a plan reaches, the commands of the plan
 take its place, channel by channel; after its last point they are held. The first step has the
-command in force at the sample, whatever was planned for it.
+command in force at the sample, whatever was planned for it. Beyond the reach of a plan the horizon
+is worth no more than one under held commands, see `partial_plan`.
 
 A plan is worth following only while the vehicle does what it says. Each planned command is
 compared with the command in force when its time has come, and so is the command that was held: a
@@ -22,6 +23,7 @@ import numpy as np
 from adk_ros.model.drivable import is_drivable
 from adk_ros.model.initial_errors import PRIOR_ROLLOUTS, held_input_errors
 from adk_ros.model.koopman import KoopmanModel
+from adk_ros.model.partial_plan import partial_covariance, partial_horizon
 from adk_ros.model.prediction import Prediction
 from adk_ros.model.predictor import Predictor
 from adk_ros.model.uncertainty.published_horizons import (
@@ -135,22 +137,58 @@ class PlannedHorizon:
         if not reach.any():
             self._learn(sample, None)
             return prediction
-        horizon = predictor.rollout(commands)
+        horizon = self._horizon(predictor, prediction, commands, reach)
         state = np.array(sample.x if math.isfinite(sum(sample.x)) else prediction.x)
         if not (np.isfinite(horizon).all() and is_drivable(state, horizon)):
             for c in np.flatnonzero(reach):
                 self.status[c] = PlanStatus.NOT_DRIVABLE
             self._learn(sample, None)
             return prediction
-        coasted = predictor.uncertain_ticks
-        slot = self._errors.slot(len(horizon), coasted)
-        self._learn(sample, horizon, slot)
         self.commands = commands
         return prediction._replace(
             horizon=horizon,
-            horizon_covariance=self._errors.issue(len(horizon), coasted),
+            horizon_covariance=self._covariance(predictor, prediction, sample, horizon, reach),
             planned_steps=(int(reach[0]), int(reach[1])),
         )
+
+    def _horizon(
+        self,
+        predictor: Predictor,
+        prediction: Prediction,
+        commands: FloatArray,
+        reach: IntArray,
+    ) -> FloatArray:
+        """Return the horizon (steps, 3), SI, of `commands` (steps, 2) planned up to `reach`."""
+        planned = predictor.rollout(commands)
+        if reach.min() == len(planned):
+            return planned
+        # Needed only where a command is held throughout; it takes as long as the rollout above.
+        held = np.repeat(commands[:1], len(commands), axis=0)
+        unplanned = planned if reach.all() else predictor.rollout(held)
+        shrinkage = predictor.held_input_shrinkage
+        return partial_horizon(planned, unplanned, prediction.horizon, shrinkage, reach)
+
+    def _covariance(
+        self,
+        predictor: Predictor,
+        prediction: Prediction,
+        sample: Sample,
+        horizon: FloatArray,
+        reach: IntArray,
+    ) -> FloatArray:
+        """
+        Return the covariance (steps, 3, 3), SI, to publish with `horizon`.
+
+        Errors are learned from the steps that are planned for both commands, and from no others.
+        """
+        known, coasted = int(reach.min()), predictor.uncertain_ticks
+        if not known:
+            self._learn(sample, None)
+            return prediction.horizon_covariance
+        slot = self._errors.slot(len(horizon), coasted)
+        self._learn(sample, horizon, slot, known)
+        planned = self._errors.issue(len(horizon), coasted)
+        return partial_covariance(planned, prediction.horizon_covariance, known)
 
     def _commands(self, sample: Sample, steps: int) -> tuple[FloatArray, IntArray]:
         """Return the commands (steps, 2) of the horizon, and how many of each (2,) are planned."""
@@ -206,14 +244,14 @@ class PlannedHorizon:
         known = np.isfinite(squared).all(axis=0)
         self._deviations[:, known] += _GAIN * (squared - self._deviations)[:, known]
 
-    def _learn(self, sample: Sample, horizon: FloatArray | None, slot: int = -1) -> None:
-        """Compare the state with earlier horizons, and store a new one in `slot`."""
+    def _learn(
+        self, sample: Sample, horizon: FloatArray | None, slot: int = -1, known: int = 0
+    ) -> None:
+        """Compare the state with earlier horizons; store `known` rows of a new one in `slot`."""
         usable = not sample.flags & _UNLEARNABLE
         rows = np.zeros((self._steps, 3)) if horizon is None else horizon
         state = np.array(sample.x)
-        compare_and_publish(
-            state, usable, state, _NO_NAIVE, rows, len(rows), slot, self._errors.rows
-        )
+        compare_and_publish(state, usable, state, _NO_NAIVE, rows, known, slot, self._errors.rows)
 
     def _forget_deviations(self) -> None:
         self._due.clear()

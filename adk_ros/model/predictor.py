@@ -167,6 +167,11 @@ class Predictor:
         return self._published.covariance
 
     @property
+    def held_input_shrinkage(self) -> FloatArray:
+        """Shrinkage (horizon_steps, 3) of the published horizons, see `published_horizons`."""
+        return self._published.shrinkage
+
+    @property
     def filtered_state(self) -> FloatArray:
         """The observer's state (3,) after the last sample, SI; while coasting, the model's."""
         return np.array(self._memory.filtered)

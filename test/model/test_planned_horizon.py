@@ -70,11 +70,19 @@ def test_the_horizon_is_that_of_known_commands() -> None:
 
 def test_after_its_last_point_a_plan_is_held() -> None:
     car = Car()
-    car.drive(100)
-    car.plan(100, car.true(100, 11))
-    _, planned = car.step(100)
-    commands = np.vstack([car.true(100, 11), np.repeat(car.true(110, 1), STEPS - 11, axis=0)])
-    np.testing.assert_array_equal(planned.horizon, car.predictor.rollout(commands))
+    car.drive(200)
+    car.plan(200, car.true(200, 11))
+    _, planned = car.step(200)
+    commands = np.vstack([car.true(200, 11), np.repeat(car.true(210, 1), STEPS - 11, axis=0)])
+    rollout = car.predictor.rollout(commands)
+    np.testing.assert_array_equal(planned.horizon[:11], rollout[:11])
+    # What the held command changes is worth as much as in a published horizon.
+    k = car.predictor.held_input_shrinkage[1 : STEPS - 10]
+    assert (k < 1.0).any()
+    np.testing.assert_allclose(
+        planned.horizon[11:] - rollout[10], k * (rollout[11:] - rollout[10])
+    )
+    np.testing.assert_array_equal(car.planned.commands, commands)
     assert planned.planned_steps == (11, 11)
 
 
@@ -89,7 +97,9 @@ def test_the_last_point_of_a_plan_may_lie_between_two_samples(points: int, after
     car.planned.take(CommandPlan(stamp, times, true[:points]))
     _, planned = car.step(100)
     in_force = np.minimum(np.maximum(np.arange(STEPS) - 1, 0), points - 1)
-    np.testing.assert_array_equal(planned.horizon, car.predictor.rollout(true[in_force]))
+    np.testing.assert_array_equal(car.planned.commands, true[in_force])
+    rollout = car.predictor.rollout(true[in_force])
+    np.testing.assert_array_equal(planned.horizon[: points + 1], rollout[: points + 1])
     assert planned.planned_steps == (points + 1,) * 2
     assert car.status() == [PlanStatus.FOLLOWED] * 2
 
@@ -114,18 +124,31 @@ def test_before_its_first_point_the_present_command_is_held() -> None:
     np.testing.assert_array_equal(planned.horizon, car.predictor.rollout(commands))
 
 
-def test_a_plan_of_one_command_holds_the_other() -> None:
+@pytest.mark.parametrize(("missing", "own"), [(0, [1, 2]), (1, [0])])
+def test_a_plan_of_one_command_holds_the_other(missing: int, own: list[int]) -> None:
+    """States that the missing command moves stay those published, plus what the plan changes."""
     car = Car()
-    car.drive(100)
-    commands = car.true(100, 60)
-    commands[:, 0] = math.nan
-    car.plan(100, commands)
-    _, planned = car.step(100)
-    followed = car.true(100)
-    followed[:, 0] = followed[0, 0]
-    np.testing.assert_array_equal(planned.horizon, car.predictor.rollout(followed))
-    assert planned.planned_steps == (0, STEPS)
-    assert car.status() == [PlanStatus.NOT_PLANNED, PlanStatus.FOLLOWED]
+    car.drive(200)
+    commands = car.true(200, 60)
+    commands[:, missing] = math.nan
+    car.plan(200, commands)
+    held, planned = car.step(200)
+    followed = car.true(200)
+    followed[:, missing] = followed[0, missing]
+    np.testing.assert_array_equal(car.planned.commands, followed)
+    rollout = car.predictor.rollout(followed)
+    constant = car.predictor.rollout(np.repeat(followed[:1], STEPS, axis=0))
+    np.testing.assert_array_equal(planned.horizon[:, own], rollout[:, own])
+    others = [c for c in range(3) if c not in own]
+    published = held.horizon + rollout - constant
+    np.testing.assert_allclose(planned.horizon[:, others], published[:, others], atol=1e-12)
+    assert np.abs(planned.horizon - rollout)[:, others].max() > 1e-4
+    # The errors of a command that nobody knows stay, in all channels.
+    np.testing.assert_array_equal(planned.horizon_covariance, held.horizon_covariance)
+    reach, status = [STEPS, STEPS], [PlanStatus.FOLLOWED] * 2
+    reach[missing], status[missing] = 0, PlanStatus.NOT_PLANNED
+    assert planned.planned_steps == tuple(reach)
+    assert car.status() == status
 
 
 def test_no_plan_changes_nothing() -> None:
@@ -214,6 +237,42 @@ def test_covariances_of_planned_and_held_horizons_differ() -> None:
         held, planned = car.step(k)
     assert (planned.horizon_covariance != held.horizon_covariance).any()
     assert (np.linalg.eigvalsh(planned.horizon_covariance) > 0.0).all()
+
+
+def test_beyond_a_plan_the_covariance_is_no_smaller_than_that_of_a_held_horizon() -> None:
+    whole, short = Car(), Car()
+    for car, points in ((whole, 60), (short, 12)):
+        car.drive(100)
+        car.plan(100, car.true(100, points))
+    held, planned = short.step(100)
+    _, exact = whole.step(100)
+    covariance, known = planned.horizon_covariance, 12
+    np.testing.assert_array_equal(covariance[:known], exact.horizon_covariance[:known])
+    beyond = held.horizon_covariance[1 : STEPS - known + 1]
+    assert (np.linalg.eigvalsh(covariance[known:] - beyond) > 0.0).all()
+
+
+def test_only_steps_that_are_planned_for_both_commands_teach_their_errors() -> None:
+    """A plan of 0.3 s, and one of the steering alone, say nothing of an exact plan of a second."""
+    known = 12
+    both, steering, none = Car(timeout_s=10.0), Car(timeout_s=10.0), Car(timeout_s=10.0)
+    for k in range(60, 240):
+        for car in (both, steering, none):
+            if k == 60:
+                car.drive(60)
+            if car is not none:
+                commands = car.true(k, known if car is both else 60)
+                if car is steering:
+                    commands[:, 0] = math.nan
+                car.plan(k, commands)
+            car.step(k)
+    found = []
+    for car in (both, steering, none):
+        car.plan(240, car.true(240, 60))
+        found.append(car.step(240)[1].horizon_covariance)
+    assert (found[0][1:known] != found[2][1:known]).all(axis=0).any()
+    np.testing.assert_array_equal(found[0][known:], found[2][known:])
+    np.testing.assert_array_equal(found[1], found[2])
 
 
 def test_errors_of_plans_widen_their_covariance() -> None:

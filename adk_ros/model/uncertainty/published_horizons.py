@@ -48,7 +48,7 @@ class StoredHorizons(NamedTuple):
     shrinkage; `base` (slots, 3): the state at the start; `age` (slots,): the next step to compare,
     -1 if the slot is empty. `sums`, `shrinkage` as in `shrinkage`; `shrinks` (1,): 0 if horizons
     are not shrunk. `naive` (slots, steps, 3): what IMU integration says; `naive_sums`, `weight`:
-    of it, as in `shrinkage`.
+    of it, as in `shrinkage`. `compared` (slots,): how many steps of the horizon are compared.
     """
 
     values: FloatArray
@@ -60,6 +60,7 @@ class StoredHorizons(NamedTuple):
     naive: FloatArray
     naive_sums: FloatArray
     weight: FloatArray
+    compared: NDArray[np.int64]
 
 
 class PublishedHorizonErrors:
@@ -84,6 +85,7 @@ class PublishedHorizonErrors:
             naive=np.full((self._slots, steps, 3), np.nan),
             naive_sums=np.zeros((4, steps, 3)),
             weight=np.zeros((steps, 3)),
+            compared=np.full(self._slots, steps),
         )
         self._table = ArrayTable(*self._stored, *self._scale.arrays)
         self.rows = self._table.rows
@@ -157,10 +159,10 @@ def published_arrays(rows: IntArray) -> PublishedArrays:
         StoredHorizons(
             floats_4(rows, 0), floats_2(rows, 1), integers_1(rows, 2), floats_3(rows, 3),
             floats_2(rows, 4), integers_1(rows, 5), floats_3(rows, 6), floats_3(rows, 7),
-            floats_2(rows, 8),
+            floats_2(rows, 8), integers_1(rows, 9),
         ),
         ConformalArrays(
-            floats_1(rows, 9), floats_3(rows, 10), floats_2(rows, 11), floats_3(rows, 12)
+            floats_1(rows, 10), floats_3(rows, 11), floats_2(rows, 12), floats_3(rows, 13)
         ),
     )  # fmt: skip
 
@@ -187,13 +189,13 @@ def compare_horizons(state: FloatArray, usable: bool, published: PublishedArrays
     """Compare `state` (3,), SI, with all stored horizons if `usable`."""
     stored, scale = published
     shrinks = stored.shrinks[0] != 0
-    slots, steps = stored.values.shape[0], stored.values.shape[1]
+    slots = stored.values.shape[0]
     error, issued_error, variance = np.empty(3), np.empty(3), np.empty(3)
     for slot in range(slots):
         h = stored.age[slot]
         if h < 0:
             continue
-        stored.age[slot] = h + 1 if h + 1 < steps else -1
+        stored.age[slot] = h + 1 if h + 1 < stored.compared[slot] else -1
         if not usable:
             continue
         for c in range(3):
@@ -227,13 +229,14 @@ def publish_horizon(
     Shrink `horizon` (h, 3), SI, towards its start `base` (3,), and weight IMU integration.
 
     `naive` (h, 3): states of the latter, without a row if there are none. Store the first `ahead`
-    rows in `new_slot`, unless it is -1.
+    rows, one or more, in `new_slot`, unless it is -1; these are compared with what happens.
     """
     stored, scale = published
     steps = min(horizon.shape[0], stored.shrinkage.shape[0])
     stores, shrinks = new_slot >= 0, stored.shrinks[0] != 0
     if stores:
         stored.age[new_slot] = 0
+        stored.compared[new_slot] = min(ahead, steps)
     mixes = shrinks and naive.shape[0] >= steps
     for c in range(3):
         if stores:
