@@ -31,7 +31,7 @@ from adk_ros.model.uncertainty.published_horizons import (
     compare_and_publish,
 )
 from adk_ros.numerics.arrays import FloatArray, IntArray
-from adk_ros.signals.channels import TICK_NS, UNLEARNABLE, Sample
+from adk_ros.signals.channels import TICK_NS, UNLEARNABLE, Flag, Sample
 from adk_ros.signals.command_plan import CommandPlan
 
 COMPARED_STEPS = 10
@@ -48,7 +48,7 @@ _LEAST_GAIN = 0.25
 Mean squared deviation of a plan over that of holding, above which the plan is not carried out:
 half the deviation. By choice; two unrelated drives reach one at times.
 """
-_UNLEARNABLE = int(UNLEARNABLE)
+_UNLEARNABLE, _COMMAND_STALE = int(UNLEARNABLE), int(Flag.COMMAND_STALE)
 _NO_NAIVE = np.empty((0, 3))
 """Under a plan, IMU integration has no say."""
 
@@ -237,7 +237,8 @@ class PlannedHorizon:
     def _compare(self, sample: Sample) -> None:
         """Compare the commands in force with what was said of them."""
         said = self._due.pop(sample.stamp_ns, None)
-        if said is None or sample.flags & _UNLEARNABLE:
+        # Whatever the state is known from: a stale command alone says nothing of the plan.
+        if said is None or sample.flags & _COMMAND_STALE:
             return
         # Beyond the spread in training, more says no more, and would be remembered for longer.
         squared = np.minimum(np.square((said - np.array(sample.u)) / self._u_scale), 1.0)

@@ -197,6 +197,29 @@ def test_a_plan_that_is_not_carried_out_is_not_followed() -> None:
     assert car.status() == [PlanStatus.FOLLOWED] * 2
 
 
+@pytest.mark.parametrize(
+    ("flag", "status"),
+    [
+        (Flag.ODOMETRY_STALE, PlanStatus.CONTRADICTED),
+        (Flag.IMU_STALE, PlanStatus.CONTRADICTED),
+        (Flag.FROZEN, PlanStatus.CONTRADICTED),
+        (Flag.REJECTED, PlanStatus.CONTRADICTED),
+        (Flag.COMMAND_STALE, PlanStatus.FOLLOWED),
+    ],
+)
+def test_commands_are_compared_whatever_the_state_is_known_from(
+    flag: Flag, status: PlanStatus
+) -> None:
+    car = Car(timeout_s=10.0)
+    car.drive(100)
+    other = car.true(100, 200)
+    other[:, 1] += 0.3 * np.sin(0.2 * np.arange(200))
+    car.plan(100, other)
+    for k in range(100, 160):
+        car.step(k, car.samples[k]._replace(flags=int(flag)))
+    assert car.status() == [PlanStatus.FOLLOWED, status]
+
+
 def test_a_constant_offset_of_the_actuator_contradicts_no_plan() -> None:
     car = Car(timeout_s=10.0)
     car.drive(100)
