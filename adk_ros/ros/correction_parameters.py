@@ -85,8 +85,8 @@ CORRECTION_TABLE: tuple[ParameterSpec, ...] = (
     ParameterSpec(
         "command_delay",
         0.0,
-        "By how much the stamps of the command are late, s; not a lag of the actuators, which the "
-        "model learns.",
+        "By how much the stamps of the command, and of plans, are late, s; not a lag of the "
+        "actuators, which the model learns.",
         0.0,
         MAX_DELAY_S,
     ),

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from adk_ros.numerics.arrays import FloatArray, IntArray
+from adk_ros.signals.channels import Source
 from adk_ros.signals.commands import COMMAND_TYPES, CommandConfig, RefusedMessage, checked_command
 from adk_ros.signals.decode import SensorConfig
 
@@ -106,11 +107,15 @@ def _checked(stamp_ns: int, times_ns: list[int], commands: list[list[float]]) ->
     return CommandPlan(stamp_ns, times, np.array(commands, dtype=np.float64))
 
 
-def _start_ns(stamp: Any, now_ns: int | None) -> int:
-    """Return a stamp in ns; zero means now."""
+def _start_ns(stamp: Any, config: SensorConfig, now_ns: int | None) -> int:
+    """
+    Return a stamp in ns, less the delay of commands; zero means now.
+
+    `now_ns` is the stamp of a reading, so its delay is gone already.
+    """
     start_ns = _nanoseconds(stamp)
     if start_ns > 0:
-        return start_ns
+        return start_ns - config.delays_ns[Source.COMMAND]
     if now_ns is None:
         raise RefusedMessage("no time stamp, and no sensor message before it")
     return now_ns
@@ -121,9 +126,9 @@ def _nanoseconds(time: Any) -> int:
 
 
 def _joint_trajectory(
-    msg: Any, config: CommandConfig, now_ns: int | None
+    msg: Any, config: SensorConfig, now_ns: int | None
 ) -> tuple[int, list[int], list[list[float]]]:
-    start_ns = _start_ns(msg.header.stamp, now_ns)
+    start_ns = _start_ns(msg.header.stamp, config, now_ns)
     names = list(msg.joint_names)
     drives = [names.index(joint) for joint in config.drive_joints if joint in names]
     if drives and len(drives) < len(config.drive_joints):
@@ -153,11 +158,11 @@ def _value(values: Any, index: int, name: str) -> float:
 
 
 def _control_horizon(
-    msg: Any, config: CommandConfig, now_ns: int | None
+    msg: Any, config: SensorConfig, now_ns: int | None
 ) -> tuple[int, list[int], list[list[float]]]:
     """The first control is that at `control_time`, the others follow every `time_step_ms`."""
-    stamp_ns = _start_ns(msg.stamp, now_ns)
-    begin_ns = _nanoseconds(msg.control_time) or stamp_ns
+    stamp_ns = _start_ns(msg.stamp, config, now_ns)
+    begin_ns = _start_ns(msg.control_time, config, stamp_ns)
     step_ns = float(msg.time_step_ms) * 1e6
     if len(msg.controls) > 1 and not 0.0 < step_ns < math.inf:
         raise RefusedMessage("the time step of the plan is not positive")

@@ -89,6 +89,21 @@ def test_without_a_stamp_a_plan_begins_now() -> None:
         decode(trajectory(stamp_ns=0))
 
 
+def test_a_plan_is_as_late_as_the_commands() -> None:
+    """The stamps of a planner are those of the sensors; without one, no delay is left."""
+    late: dict[str, Any] = {"command_delay": 0.1}
+    plan = decode(trajectory(), **late)
+    assert plan.stamp_ns == plan.times_ns[0] == STAMP_NS - S // 10
+    assert decode(trajectory(stamp_ns=0), STAMP_NS, **late).times_ns[0] == STAMP_NS
+    late |= {"command_type": "autoware_control", "mass": 1000.0, "wheel_radius": 0.3}
+    plan = decode(control_horizon(), **late)
+    assert (plan.stamp_ns, plan.times_ns[0]) == (STAMP_NS - S // 10, STAMP_NS + S - S // 10)
+    plan = decode(control_horizon(control_time=time(0)), **late)
+    assert plan.times_ns[0] == plan.stamp_ns == STAMP_NS - S // 10
+    plan = decode(control_horizon(stamp=time(0), control_time=time(0)), STAMP_NS, **late)
+    assert plan.times_ns[0] == plan.stamp_ns == STAMP_NS
+
+
 def test_a_control_horizon() -> None:
     car: dict[str, Any] = {
         "command_type": "autoware_control", "mass": 1000.0, "wheel_radius": 0.3
