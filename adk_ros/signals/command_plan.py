@@ -79,7 +79,7 @@ class PlanDecoder:
         try:
             decode = _control_horizon if hasattr(msg, "controls") else _joint_trajectory
             stamp_ns, times_ns, commands = decode(msg, self._config, now_ns)
-            corrected = [list(self._config.command(*each)) for each in commands]
+            corrected = [_corrected(each, self._config) for each in commands]
             return _checked(stamp_ns, times_ns, corrected)
         except RefusedMessage as refusal:
             self.refused[str(refusal)] += 1
@@ -94,6 +94,19 @@ def plan_types(command_type: str) -> tuple[str, ...]:
     """Return the ROS types of plans for a type of command, the preferred one first."""
     autoware = command_type == "autoware_control"
     return (_CONTROL_HORIZON, _JOINT_TRAJECTORY) if autoware else (_JOINT_TRAJECTORY,)
+
+
+def _corrected(command: list[float], config: SensorConfig) -> list[float]:
+    """
+    Return a command (torque, delta) without its known errors, NaN where it is not planned.
+
+    :raises RefusedMessage: it is beyond the limits of commands, which apply to what is used.
+    """
+    torque, delta = config.command(*command)
+    checked_command(
+        0.0 if math.isnan(command[0]) else torque, 0.0 if math.isnan(command[1]) else delta
+    )
+    return [torque, delta]
 
 
 def _checked(stamp_ns: int, times_ns: list[int], commands: list[list[float]]) -> CommandPlan:

@@ -149,6 +149,19 @@ def test_a_faulty_plan_is_refused_and_counted(msg: Any, reason: str) -> None:
     assert decoder.received == 2
 
 
+@pytest.mark.parametrize(
+    ("config", "reason"),
+    [({"torque_scale": 1e-5}, "drive torque"), ({"steering_offset": -1.5}, "steering angle")],
+)
+def test_limits_apply_to_what_is_used(config: dict[str, Any], reason: str) -> None:
+    """As to commands; what is not planned has no limit."""
+    with pytest.raises(RefusedMessage, match=reason):
+        decode(trajectory(), **config)
+    joint = "steer" if "torque_scale" in config else "drive"
+    one = point(0.0, [] if joint == "steer" else [100.0], [] if joint == "drive" else [0.1])
+    assert np.isfinite(decode(trajectory([joint], [one]), **config).commands).sum() == 1
+
+
 def test_all_drive_joints_are_planned_or_none() -> None:
     with pytest.raises(RefusedMessage, match="joint 'right' is missing"):
         decode(trajectory(["left", "steer"]), drive_joints=("left", "right"))
