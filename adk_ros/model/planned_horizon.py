@@ -91,6 +91,7 @@ class PlannedHorizon:
             np.ascontiguousarray(errors), PRIOR_ROLLOUTS, shrinks=False
         )
         self._plan: CommandPlan | None = None
+        self._taken_ns: int | None = None
         self._due: dict[int, FloatArray] = {}
         self._deviations = np.zeros((2, 2))
         self.commands: FloatArray | None = None
@@ -98,11 +99,11 @@ class PlannedHorizon:
 
     def take(self, plan: CommandPlan) -> None:
         """Follow a plan from the next sample on, instead of the one before."""
-        self._plan = plan
+        self._plan, self._taken_ns = plan, None
 
     def reset(self) -> None:
         """Forget the plan, and what earlier ones were worth."""
-        self._plan = self.commands = None
+        self._plan = self._taken_ns = self.commands = None
         self._errors.reset()
         self._forget_deviations()
         self.status = [PlanStatus.NONE, PlanStatus.NONE]
@@ -130,7 +131,7 @@ class PlannedHorizon:
         `prediction` is the predictor's latest, made from `sample`.
         """
         self.commands = None
-        if self._plan is None or not len(prediction.horizon):
+        if not len(prediction.horizon) or not self._has_plan(sample.stamp_ns):
             return prediction
         self._compare(sample)
         commands, reach = self._commands(sample, len(prediction.horizon))
@@ -190,6 +191,25 @@ class PlannedHorizon:
         planned = self._errors.issue(len(horizon), coasted)
         return partial_covariance(planned, prediction.horizon_covariance, known)
 
+    def _has_plan(self, stamp_ns: int) -> bool:
+        """
+        Return whether there is a plan; forget one that ended `timeout_s` ago.
+
+        The end is at least as long after its receipt as it is after the plan's stamp: a planner
+        whose clock is behind sends plans that have all ended, which its status has to say.
+        """
+        if self._plan is None:
+            return False
+        if self._taken_ns is None:
+            self._taken_ns = stamp_ns
+        end_ns = int(self._plan.times_ns[-1])
+        end_ns = max(end_ns, self._taken_ns + end_ns - self._plan.stamp_ns)
+        if stamp_ns > end_ns + self._timeout_ns:
+            self._plan = None
+            self.interrupt()
+            self.status = [PlanStatus.NONE, PlanStatus.NONE]
+        return self._plan is not None
+
     def _commands(self, sample: Sample, steps: int) -> tuple[FloatArray, IntArray]:
         """Return the commands (steps, 2) of the horizon, and how many of each (2,) are planned."""
         assert self._plan is not None
@@ -199,7 +219,11 @@ class PlannedHorizon:
         planned[0] = held
         reach = np.zeros(2, dtype=np.int64)
         stale = sample.stamp_ns - self._plan.stamp_ns > self._timeout_ns
-        self._promise(sample, planned)
+        if stale:
+            # Of a planner that has paused, the next plans show what it is worth.
+            self._forget_deviations()
+        else:
+            self._promise(sample, planned)
         for c in range(2):
             known = np.flatnonzero(np.isfinite(planned[1:, c])) + 1
             self.status[c] = self._status(c, stale, known)

@@ -197,6 +197,51 @@ def test_a_plan_that_is_not_carried_out_is_not_followed() -> None:
     assert car.status() == [PlanStatus.FOLLOWED] * 2
 
 
+def test_a_fresh_plan_is_followed_after_manual_driving() -> None:
+    """What the stale plan before it says of the time since is no evidence against it."""
+    car = Car()
+    car.drive(100)
+    other = car.true(100, 200)
+    other[:, 1] += 0.3 * np.sin(0.2 * np.arange(200))
+    car.plan(100, other)
+    for k in range(100, 160):
+        car.step(k)
+    assert car.status() == [PlanStatus.STALE] * 2
+    for k in range(160, 200):
+        car.plan(k, car.true(k, 60))
+        _, planned = car.step(k)
+        assert car.status() == [PlanStatus.FOLLOWED] * 2
+        assert planned.planned_steps == (STEPS, STEPS)
+
+
+def test_a_plan_that_has_ended_is_none() -> None:
+    car = Car()
+    car.drive(100)
+    car.plan(100, car.true(100, 61))
+    seen = []
+    for k in range(100, 190):
+        car.step(k)
+        seen.append(car.status()[0])
+    # It is made at tick 100, ends at tick 160, and the timeout is 20 ticks.
+    assert seen[:20] == [PlanStatus.FOLLOWED] * 20
+    assert seen[21:80] == [PlanStatus.STALE] * 59
+    assert seen[81:] == [PlanStatus.NONE] * 9
+
+
+def test_a_planner_whose_clock_is_behind_is_reported_until_it_stops() -> None:
+    car = Car()
+    car.drive(150)
+    seen = []
+    for k in range(150, 250):
+        if k < 200 and k % 10 == 0:
+            car.plan(k - 100, car.true(k - 100, 31))
+        car.step(k)
+        seen.append(car.status()[1])
+    # The last plan comes at tick 190, for 30 ticks.
+    assert seen[:91] == [PlanStatus.STALE] * 91
+    assert seen[91:] == [PlanStatus.NONE] * 9
+
+
 @pytest.mark.parametrize(
     ("flag", "status"),
     [

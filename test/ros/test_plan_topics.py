@@ -80,6 +80,17 @@ def test_the_diagnostics_tell_of_plans(model: Path) -> None:
     assert rig.all_finite()
 
 
+def test_the_warning_ends_after_the_plan_has(model: Path) -> None:
+    rig = Rig(artefact.load(model).model, PipelineSettings(horizon_steps=40))
+    rig.drive(3.0)
+    rig.core.on_plan(plan(rig.stamp_ns, 3.0, 1.0))
+    stale, later = rig.drive(2.0)
+    assert stale.level is Level.WARN
+    assert "torque and delta held: the plan is older than plan_timeout_s" in stale.message
+    assert later.level is Level.OK
+    assert dict(later.values)["plan.torque"] == "no plan"
+
+
 def test_the_diagnostics_tell_of_extrapolation(model: Path) -> None:
     rig = Rig(artefact.load(model).model)
     slow = TrainingRange(np.full(7, -1.0), np.array([5.0, 1.0, 1.0, 1e4, 1.0, 20.0, 1.0]))
