@@ -53,11 +53,11 @@ from adk_ros.model.uncertainty.published_horizons import PublishedHorizonErrors
 from adk_ros.numerics.arrays import FloatArray
 from adk_ros.signals.channels import TICK_NS, UNLEARNABLE, Flag, Sample
 
+MAX_HORIZON_STEPS = 400
+"""10 s. A rollout of 400 steps takes about a millisecond."""
 _MAX_WITHHELD = 4
 """Implausible predictions in succession after which the predictor is reset: a single wrong sample
 causes one or two. By choice."""
-_MAX_HORIZON_STEPS = 400
-"""10 s. A rollout of 400 steps takes about a millisecond."""
 # Plain integers: operations on flags take a microsecond each.
 _RESTART, _COASTING, _UNLEARNABLE = int(Flag.RESTART), int(Flag.COASTING), int(UNLEARNABLE)
 _ODOMETRY_STALE, _LEVEL_CHANGE = int(Flag.ODOMETRY_STALE), int(Flag.LEVEL_CHANGE)
@@ -90,9 +90,9 @@ class Predictor:
         max_coast_steps: int = 40,
         withhold_implausible: bool = False,
     ) -> None:
-        if not 0 <= horizon_steps <= _MAX_HORIZON_STEPS:
+        if not 0 <= horizon_steps <= MAX_HORIZON_STEPS:
             raise UsageError(
-                f"horizon is {horizon_steps} steps of 25 ms: choose 0 to {_MAX_HORIZON_STEPS}"
+                f"horizon is {horizon_steps} steps of 25 ms: choose 0 to {MAX_HORIZON_STEPS}"
             )
         self.model = model
         self.settings = online or model.online

@@ -14,15 +14,19 @@ from adk_ros.errors import UsageError
 from adk_ros.model.drivable import is_drivable
 from adk_ros.model.pipeline import Pipeline
 from adk_ros.model.prediction import Status
+from adk_ros.model.predictor import MAX_HORIZON_STEPS
+from adk_ros.model.uncertainty.batch_rollout import lanes_of_block
 from adk_ros.numerics.arrays import FloatArray
 from adk_ros.numerics.numba_cache import strict_kernel
+from adk_ros.signals.commands import MAX_DELTA, MAX_DRIVE
 
 MAX_STEPS = 160_000
 """
-Most candidates times steps of a request.
+Most candidates times steps of a request; candidates in whole blocks, which take as long as full.
 
 `adk bench latency` rolls out 80,000 in 6 to 7 ms. The node predicts nothing meanwhile, and twice
-as many leave it half of the 25 ms between two samples.
+as many leave it half of the 25 ms between two samples. Without a compiled encoder the limit is
+`MAX_HORIZON_STEPS`: as many as a horizon has that such a model predicts at every sample.
 """
 COLUMNS = ("v_x", "v_y", "yaw_rate", "drivable")
 """Of an answer: the state, SI, and 1 where the candidate's motion is drivable, else 0."""
@@ -93,9 +97,7 @@ class RolloutRequests:
         if len(shape) != 3 or shape[-1] != 2 or min(shape) < 1:
             detail = f"{list(shape)}: give [candidates, steps, 2]"
             raise self._refusal("the layout has other dimensions", detail)
-        if shape[0] * shape[1] > MAX_STEPS:
-            detail = f"{shape[0]} x {shape[1]}: give at most {MAX_STEPS} candidates times steps"
-            raise self._refusal("too many steps", detail)
+        self._check_time(*shape[:2])
         data = np.asarray(values, dtype=np.float64).ravel()
         if data.size != shape[0] * shape[1] * 2:
             detail = f"{data.size} for {shape[0]} x {shape[1]} x 2"
@@ -103,7 +105,36 @@ class RolloutRequests:
         if not np.isfinite(data).all():
             first = int(np.argmin(np.isfinite(data)))
             raise self._refusal("a command is not finite", f"number {first}, from 0")
-        return data.reshape(shape)
+        commands = data.reshape(shape)
+        self._check_limits(commands)
+        return commands
+
+    def _check_time(self, candidates: int, steps: int) -> None:
+        """Refuse a request whose answer takes too long, see `MAX_STEPS`."""
+        if steps > MAX_HORIZON_STEPS:
+            detail = f"{candidates} x {steps}: give at most {MAX_HORIZON_STEPS} steps"
+            raise self._refusal("too many steps", detail)
+        model = self._pipeline.predictor.model
+        limit, computed = MAX_STEPS, candidates
+        if model.relift and model.lifting.compiled is None:
+            limit = MAX_HORIZON_STEPS
+        else:
+            lanes = int(lanes_of_block(candidates))
+            computed = -(-candidates // lanes) * lanes
+        if computed * steps > limit:
+            blocks = "" if computed == candidates else f", computed as {computed} x {steps}"
+            detail = f"{candidates} x {steps}{blocks}: give at most {limit} candidates times steps"
+            raise self._refusal("too many steps", detail)
+
+    def _check_limits(self, commands: FloatArray) -> None:
+        """Refuse finite commands (k, h, 2) beyond the limits of command messages."""
+        limits = (("wheel torque", "N·m", MAX_DRIVE), ("road-wheel angle", "rad", MAX_DELTA))
+        for c, (name, unit, limit) in enumerate(limits):
+            values = commands[..., c]
+            k, j = divmod(int(np.abs(values).argmax()), values.shape[1])
+            if abs(values[k, j]) > limit:
+                detail = f"{values[k, j]:g} {unit}, candidate {k}, step {j}, from 0"
+                raise self._refusal(f"a {name} is beyond {limit:g} {unit}", detail)
 
     def _refusal(self, reason: str, detail: str) -> RefusedRequest:
         self.refused[reason] += 1

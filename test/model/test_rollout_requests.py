@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from helpers.node import Rig, write_model
 
-from adk_ros.model import artefact
+from adk_ros.model import artefact, rollout_requests
 from adk_ros.model.drivable import is_drivable
 from adk_ros.model.rollout_requests import MAX_STEPS, RefusedRequest, with_drivable
 
@@ -33,7 +33,10 @@ def test_the_answer_is_that_of_the_predictor(rig: Rig) -> None:
     np.testing.assert_array_equal(rig.pipeline.predictor.rollout(commands[2]), expected[2])
 
 
-def test_a_candidate_that_no_vehicle_follows_is_marked(rig: Rig) -> None:
+def test_a_candidate_that_no_vehicle_follows_is_marked(
+    rig: Rig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(rollout_requests, "MAX_DRIVE", 1e7)
     commands = np.zeros((2, 80, 2))
     commands[1, :, 0] = 1e7
     _, states = rig.core.rollouts.answer(commands.shape, commands)
@@ -63,9 +66,16 @@ def test_all_candidates_are_judged_as_each_by_itself() -> None:
         ((1, 4, 3), np.zeros(12), "the layout has other dimensions"),
         ((), np.zeros(0), "the layout has other dimensions"),
         ((MAX_STEPS, 2, 2), np.zeros(1), f"too many steps ({MAX_STEPS} x 2: give at most"),
+        ((1, 401, 2), np.zeros(802), "too many steps (1 x 401: give at most 400 steps"),
+        ((390, 400, 2), np.zeros(1), "too many steps (390 x 400, computed as 448 x 400: give"),
         ((2, 3, 2), np.zeros(11), "another number of values than the layout says (11 for 2 x 3"),
         ((1, 2, 2), [0.0, 0.0, math.nan, 0.0], "a command is not finite (number 2"),
         ((1, 2, 2), [0.0, 0.0, math.inf, 0.0], "a command is not finite (number 2"),
+        ((2, 2, 2), [0.0] * 6 + [-1e9, 0.0], "a wheel torque is beyond 1e+06 N·m (-1e+09 N·m, ca"),
+        (
+            (2, 2, 2), [0.0] * 5 + [15.0, 0.0, 0.0],
+            "a road-wheel angle is beyond 1.5708 rad (15 rad, candidate 1, step 0, from 0)",
+        ),
     ],
 )  # fmt: skip
 def test_a_request_without_answer_says_why(
@@ -76,6 +86,15 @@ def test_a_request_without_answer_says_why(
         rig.core.rollouts.answer(shape, values)  # type: ignore[arg-type]
     assert str(refusal.value).startswith(reason)
     assert rig.core.rollouts.refused.total() == before + 1
+
+
+def test_a_model_without_a_compiled_encoder_answers_less(
+    rig: Rig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One candidate after the other, and the interpreter takes several times as long."""
+    monkeypatch.setattr(rig.pipeline.predictor.model.lifting, "compiled", None)
+    with pytest.raises(RefusedRequest, match=r"too many steps \(6 x 80: give at most 400 cand"):
+        rig.core.rollouts.answer((6, 80, 2), np.zeros(960))
 
 
 def test_there_is_no_answer_without_a_state(tmp_path: Path) -> None:
