@@ -52,6 +52,11 @@ def generate_launch_description() -> LaunchDescription:
             description="Topic of the measured road-wheel angle; used with autoware_control only.",
         ),
         DeclareLaunchArgument(
+            "planned_command",
+            default_value="planned_command",
+            description="Topic of planned commands, which the horizon follows; optional.",
+        ),
+        DeclareLaunchArgument(
             "params_file",
             default_value=default_params,
             description="YAML file with the node's parameters.",
@@ -87,7 +92,7 @@ def generate_launch_description() -> LaunchDescription:
         ],
         remappings=[
             (name, LaunchConfiguration(name))
-            for name in ("imu", "odometry", "command", "steering")
+            for name in ("imu", "odometry", "command", "steering", "planned_command")
         ],
         ros_arguments=["--log-level", LaunchConfiguration("log_level")],
         output="screen",

@@ -485,6 +485,7 @@ def test_launch_arguments(launched: list[Recorder]) -> None:
         "odometry": "odometry",
         "command": "command",
         "steering": "steering",
+        "planned_command": "planned_command",
         "params_file": None,
         "use_sim_time": "false",
         "namespace": "",
@@ -502,7 +503,8 @@ def test_launched_node(launched: list[Recorder]) -> None:
     assert node["executable"] == node["name"] == "predictor"
     assert node["namespace"].args == ("namespace",)
     remapped = {topic: target.args[0] for topic, target in node["remappings"]}
-    assert remapped == {name: name for name in ("imu", "odometry", "command", "steering")}
+    topics = ("imu", "odometry", "command", "steering", "planned_command")
+    assert remapped == {name: name for name in topics}
     file, values = node["parameters"]
     assert file.args[0].args == ("params_file",)
     types_of = {
