@@ -35,6 +35,39 @@ def moved_pose(pose: FloatArray, velocity: FloatArray, duration_s: float) -> Flo
     return np.asarray(pose + duration_s * change)
 
 
+class CarriedPose:
+    """
+    The pose of a vehicle at samples after its latest measured pose.
+
+    From sample to sample it is moved by the mean of the two velocities, so that a vehicle that
+    brakes while odometry is missing does not move at the speed of the end all the time.
+    """
+
+    def __init__(self) -> None:
+        self._measured_ns: int | None = None
+        self._stamp_ns = 0
+        self._pose = self._velocity = np.zeros(3)
+
+    def at(
+        self, stamp_ns: int, velocity: FloatArray, measured_ns: int, measured: FloatArray
+    ) -> FloatArray:
+        """
+        Return the pose (3,) at a sample where the vehicle has a `velocity` (3,) in its axes, SI.
+
+        :param measured: the latest measured pose (3,), of `measured_ns`, before or after.
+        """
+        # A sample before the measurement has been moved back, at a velocity of before as well.
+        continues = measured_ns == self._measured_ns and measured_ns <= self._stamp_ns < stamp_ns
+        if continues:
+            mean, after_ns = 0.5 * (self._velocity + velocity), stamp_ns - self._stamp_ns
+            pose = moved_pose(self._pose, mean, after_ns * 1e-9)
+        else:
+            pose = moved_pose(measured, velocity, (stamp_ns - measured_ns) * 1e-9)
+        self._measured_ns, self._stamp_ns = measured_ns, stamp_ns
+        self._pose, self._velocity = pose, np.array(velocity)
+        return pose
+
+
 def pose_horizon(pose: FloatArray, present: FloatArray, horizon: FloatArray) -> FloatArray:
     """
     Return the poses (h, 3), x and y in m and heading in rad, at the steps of a horizon.

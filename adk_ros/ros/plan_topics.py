@@ -17,7 +17,7 @@ from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory
 
 from adk_ros.errors import UsageError
-from adk_ros.model.pose_horizon import moved_pose, pose_covariance, pose_horizon
+from adk_ros.model.pose_horizon import CarriedPose, pose_covariance, pose_horizon
 from adk_ros.model.prediction import Prediction
 from adk_ros.numerics.arrays import FloatArray
 from adk_ros.ros.core import Core
@@ -38,7 +38,7 @@ class PlanTopics:
     Subscribes to `planned_command`; publishes `~/predicted_path` and what belongs to it.
 
     `odometry` is the latest message. The path begins at its pose, or where its reading is not
-    used, as with a wrong stamp, at the pose of the latest one that was.
+    used, as with a wrong stamp, at the pose of the latest one that was, carried forward.
 
     :param frame_id: frame of the predictions. :param qos: of the subscription.
     """
@@ -46,6 +46,7 @@ class PlanTopics:
     def __init__(self, node: Any, core: Core, frame_id: str, depth: int, qos: Any) -> None:
         self.odometry: Any = None
         self._used: tuple[int, Any] | None = None
+        self._carried = CarriedPose()
         self._core, self._frame_id = core, frame_id
         settings = core.pipeline.settings
         self._steps = settings.horizon_steps
@@ -85,7 +86,8 @@ class PlanTopics:
             return
         present = self._at_base(self._core.pipeline.predictor.present_state[None])[0]
         horizon = self._at_base(prediction.horizon)
-        poses = pose_horizon(moved_pose(start, present, after_s), present, horizon)
+        pose = self._carried.at(prediction.origin_ns, present, stamp_ns, start)
+        poses = pose_horizon(pose, present, horizon)
         fixed_frame = str(message.header.frame_id)
         if self._path is None or self._path.frame_id != fixed_frame:
             self._path = PathBytes(fixed_frame, self._steps)

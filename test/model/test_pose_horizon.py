@@ -4,7 +4,12 @@
 
 import numpy as np
 
-from adk_ros.model.pose_horizon import moved_pose, pose_covariance, pose_horizon
+from adk_ros.model.pose_horizon import (
+    CarriedPose,
+    moved_pose,
+    pose_covariance,
+    pose_horizon,
+)
 from adk_ros.numerics.arrays import FloatArray
 
 STEPS = 80
@@ -30,6 +35,24 @@ def test_a_steady_turn_is_a_circle() -> None:
     np.testing.assert_allclose(poses[:, 1], exact_y, atol=1e-3)
     np.testing.assert_allclose(moved_pose(START, velocity, 0.025), poses[0])
     np.testing.assert_allclose(moved_pose(poses[0], velocity, -0.025), START)
+
+
+def test_a_pose_is_carried_along_the_velocities_since() -> None:
+    """A car that brakes by 8 m/s² in a turn, 1.4 s after the last pose."""
+    tick_ns, carried = 25_000_000, CarriedPose()
+    velocities = np.array([[20.0 - 0.2 * k, -0.1, 0.3] for k in range(57)])
+    expected = pose_horizon(START, velocities[0], velocities[1:])
+    for k, velocity in enumerate(velocities):
+        pose = carried.at(k * tick_ns, velocity, 0, START)
+        np.testing.assert_allclose(pose, START if not k else expected[k - 1])
+    # With the last velocity throughout, it is some metres off.
+    assert np.abs(moved_pose(START, velocities[-1], 1.4) - pose).max() > 3.0
+    # The next measured pose replaces it; samples before one are moved back from it.
+    now_ns = 57 * tick_ns
+    for stamp_ns in (now_ns, now_ns + tick_ns, now_ns + 2 * tick_ns):
+        pose = carried.at(stamp_ns, velocities[3], now_ns + tick_ns, START)
+        after_s = (stamp_ns - now_ns - tick_ns) * 1e-9
+        np.testing.assert_allclose(pose, moved_pose(START, velocities[3], after_s))
 
 
 def test_the_covariance_is_that_of_lasting_errors() -> None:

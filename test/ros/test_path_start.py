@@ -19,6 +19,7 @@ from rclpy.serialization import deserialize_message
 from adk_ros.model import artefact
 from adk_ros.model.koopman import KoopmanModel
 from adk_ros.model.pipeline import PipelineSettings
+from adk_ros.model.predictor import Predictor
 from adk_ros.ros.messages import join_stamp, split_stamp
 from adk_ros.ros.plan_topics import PlanTopics
 from adk_ros.ros.session import Session
@@ -125,6 +126,33 @@ def test_a_known_delay_of_odometry_is_that_of_its_pose(node: Any, model: Koopman
     assert len(rig.paths.sent) > 100
     # A pose is where the car was 0.05 s before its stamp.
     assert np.abs(rig.deviations(0.05)).max() < 0.1
+
+
+def test_a_car_that_brakes_while_odometry_is_missing_does_not_jump_back(
+    node: Any, model: KoopmanModel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rig = PathRig(node, model)
+    rig.drive(3.0)
+    lost_ns = rig.rig.stamp_ns
+    state = cast(property, Predictor.present_state).fget
+    assert state is not None
+
+    def braking(predictor: Predictor) -> Any:
+        """Return the state of a car that brakes by 6 m/s² since odometry is missing."""
+        sample, present = rig.rig.pipeline.last_sample, state(predictor)
+        assert sample is not None
+        present[0] = SPEED - 6.0 * max(sample.stamp_ns - lost_ns, 0) * 1e-9
+        return present
+
+    monkeypatch.setattr(Predictor, "present_state", property(braking))
+    rig.paths.sent.clear()
+    rig.drive(1.4, lambda _: None)
+    assert len(rig.paths.sent) > 45
+    after_s = np.array([(join_stamp(p.header.stamp) - lost_ns) * 1e-9 for p in rig.paths.sent])
+    # The path of a constant speed minus that of the car; the horizon knows nothing of braking.
+    lag = 0.5 * 6.0 * np.maximum(after_s, 0.0) ** 2
+    assert lag[-1] > 5.0
+    assert np.abs(rig.deviations() + lag).max() < 1.0
 
 
 def test_a_pose_without_height_gives_a_finite_path(node: Any, model: KoopmanModel) -> None:
