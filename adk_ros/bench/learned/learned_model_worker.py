@@ -41,6 +41,7 @@ FUTURE_SAMPLES = 5
 """Samples ahead of which the speed is the published `VREF` of Deep Pacejka: 0.2 s."""
 TRUSTED = 1e-6
 """Largest difference of our features from those of the authors' parsers: rounding of the CSV."""
+_TIMED_CALLS = 11
 _LOGGING = ("wandb", "ray")
 _BASELINES = Path(__file__).parents[1] / "paper" / "baseline_library_worker.py"
 
@@ -127,7 +128,7 @@ class LearnedModel:
         count = min(len(dataset), 100)
         # The first sample has no change before it.
         rows = fast + self.horizon + np.arange(1, count)
-        ours = self._windows(x, u, rows)
+        ours = self._windows(self._table(x, u), rows)
         theirs = dataset.X_data[2 : count + 1].cpu().numpy()
         if not np.abs(ours[: len(theirs)] - theirs).max() <= TRUSTED * np.abs(theirs).max():
             raise ValueError("the features differ from those of the authors' parser")
@@ -145,13 +146,14 @@ class LearnedModel:
         table = np.column_stack([x, self.exogenous(x, u), self.reference_speed(x)])
         return np.asarray(table[:, self.columns], dtype=np.float32)
 
-    def _windows(self, x: Any, u: Any, rows: Any) -> Any:
-        return self._table(x, u)[rows[:, None] + np.arange(1 - self.horizon, 1)]
+    def _windows(self, table: Any, rows: Any) -> Any:
+        return table[rows[:, None] + np.arange(1 - self.horizon, 1)]
 
     def predict(self, x: Any, u: Any, rows: Any, ahead: int, refreshed: bool) -> Any:
         """Roll out from `rows` under the recorded commands: (m, ahead, 3)."""
         torch = self._torch
-        table, window = self._table(x, u), self._windows(x, u, rows)
+        table = self._table(x, u)
+        window = self._windows(table, rows)
         out = np.empty((len(rows), ahead, 3))
         with torch.no_grad():
             for step in range(ahead):
@@ -309,18 +311,30 @@ def predict(job: Any, models: dict[str, LearnedModel]) -> dict[str, Any]:
     x, u, rows, ahead = (job[name] for name in ("x", "u", "rows", "ahead"))
     refreshed = bool(job["refreshed"])
     predicted = model.predict(x, u, rows, int(ahead), refreshed)
-    step_s = _median_time(lambda: model.predict(x, u, rows[:1], 1, refreshed))
-    rollout_s = _median_time(lambda: model.predict(x, u, rows[:1], int(ahead), refreshed))
+    step_s, rollout_s = (
+        _median_time(model, x, u, int(rows[0]), steps, refreshed) for steps in (1, int(ahead))
+    )
     return {"predicted": predicted, "step_s": step_s, "rollout_s": rollout_s}
 
 
-def _median_time(call: Any, count: int = 11) -> float:
+def _median_time(model: Any, x: Any, u: Any, row: int, ahead: int, refreshed: bool) -> float:
+    """Return the median time of a prediction from one row, s."""
+    # As in a vehicle: with the whole recording, making its table of features would count.
+    x, u, rows = samples_of(model, x, u, row, ahead)
     times = []
-    for _ in range(count):
+    for _ in range(_TIMED_CALLS):
         started = time.process_time()
-        call()
+        model.predict(x, u, rows, ahead, refreshed)
         times.append(time.process_time() - started)
     return float(np.median(times))
+
+
+def samples_of(model: Any, x: Any, u: Any, row: int, ahead: int) -> tuple[Any, Any, Any]:
+    """Return the samples x and u that a prediction from `row` uses, and the row in them (1,)."""
+    # The change of the commands needs one sample before the window.
+    first = max(row - model.horizon, 0)
+    last = row + ahead + FUTURE_SAMPLES
+    return x[first:last], u[first:last], np.array([row - first])
 
 
 def main() -> None:

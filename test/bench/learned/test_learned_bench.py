@@ -6,10 +6,12 @@ from __future__ import annotations
 
 import json
 import re
+import runpy
 import textwrap
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -23,6 +25,8 @@ from adk_ros.bench.learned.learned_models import (
     DEEP_PACEJKA,
     DEEP_PACEJKA_GIVEN,
     FTHD,
+    PACKAGES,
+    WORKER,
     LearnedModels,
     chosen,
     find_code,
@@ -270,6 +274,40 @@ def test_deep_pacejka_is_not_given_future_speeds(worker: LearnedModels, code: Pa
             worker.predict(model, x, rows, 5, not is_given).predicted for x in (whole, changed)
         )
         assert np.array_equal(first, second) is not is_given
+
+
+def test_times_are_those_of_the_samples_that_a_prediction_uses() -> None:
+    """Also of a longer recording, from which one prediction uses as much."""
+    code = runpy.run_path(str(WORKER), run_name="worker")
+    lengths: list[int] = []
+
+    class Given:
+        horizon = 3
+
+        def predict(self, x: Any, u: Any, rows: Any, ahead: int, refreshed: bool) -> Any:
+            lengths.append(len(x))
+            return x[rows[:, None] + np.arange(1, ahead + 1)]
+
+    whole = drive()
+    job = {"predict": "given", "x": whole.x, "u": whole.u, "rows": np.array([200, 300])}
+    answer = code["predict"](job | {"ahead": 10, "refreshed": True}, {"given": Given()})
+    assert answer["predicted"].shape == (2, 10, 3)
+    assert lengths[0] == 600
+    assert max(lengths[1:]) < 20
+
+
+@pytest.mark.parametrize("name", PACKAGES)
+@pytest.mark.parametrize("ahead", [1, 10])
+def test_these_samples_give_the_same_features(name: str, ahead: int) -> None:
+    code = runpy.run_path(str(WORKER), run_name="worker")
+    # Without its network.
+    model = object.__new__(code["MODELS"][name])
+    model.horizon = 3
+    whole = drive()
+    x, u, (row,) = code["samples_of"](model, whole.x, whole.u, 200, ahead)
+    few, every = model._table(x, u), model._table(whole.x, whole.u)
+    used = np.arange(-2, ahead)
+    np.testing.assert_array_equal(few[row + used], every[200 + used])
 
 
 def test_features_unlike_those_of_the_parser_are_refused(tmp_path: Path, code: Path) -> None:
