@@ -10,7 +10,7 @@ A fit job has `peers`, `x` (n, 3), `u` (n, 2), `episode` (n,), all rows finite; 
 `episode`, `rows`, `ahead`; its answer `predicted` (rows, ahead, 3), NaN where the prediction
 diverged or history is missing.
 
-Each library is fitted with several common settings to the first 80 % of each episode; the one with
+Each library is fitted with several common settings to 80 % of the episodes (`split`); the one with
 the smallest errors on the rest, over all horizons and channels, is fitted to all data. Predictions
 are computed for all starts at once; `check` is the largest difference from the library's own
 prediction function for some starts, in standard deviations of the channels.
@@ -268,20 +268,26 @@ def windows(x: Any, u: Any, rows: Any, ahead: int) -> tuple[Any, Any]:
 
 def split(episodes: Episodes) -> tuple[Episodes, Episodes]:
     """
-    Return four fifths of the episodes to fit, and the rest: the last fifth of each.
+    Return four fifths of the episodes to fit, and the rest for validation.
 
-    Of a drive that lost samples are cut into many short ones, every fifth whole one: a fifth of
-    each would be shorter than the horizon.
+    The rest is the last fifth of each or every fifth whole one, whichever has more starts with the
+    longest horizon. Few of the short stretches of a drive that lost samples have a last fifth as
+    long as that.
     """
     every = round(1.0 / VALIDATED)
-    longest = max(len(x) for x, _ in episodes)
-    if len(episodes) > every and longest * VALIDATED <= PAST + HORIZONS[-1]:
-        fitted = [e for i, e in enumerate(episodes) if i % every != every - 1]
-        return [e for e in fitted if len(e[0]) > PAST + 1], list(episodes[every - 1 :: every])
     at = [round(len(x) * (1.0 - VALIDATED)) for x, _ in episodes]
     first = [(x[:n], u[:n]) for (x, u), n in zip(episodes, at, strict=True)]
     last = [(x[n:], u[n:]) for (x, u), n in zip(episodes, at, strict=True)]
+    whole = episodes[every - 1 :: every]
+    if known_starts(whole) > known_starts(last):
+        first = [e for i, e in enumerate(episodes) if i % every != every - 1]
+        last = whole
     return [e for e in first if len(e[0]) > PAST + 1], last
+
+
+def known_starts(episodes: Episodes) -> tuple[int, ...]:
+    """Return how many rows have history and each of `HORIZONS` ahead, the longest one first."""
+    return tuple(sum(max(0, len(x) - PAST - h) for x, _ in episodes) for h in reversed(HORIZONS))
 
 
 def starts(episodes: Episodes) -> tuple[Any, Any, Any]:

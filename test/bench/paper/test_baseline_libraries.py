@@ -256,6 +256,23 @@ def test_a_drive_cut_into_short_stretches_is_validated_on_whole_ones() -> None:
     np.testing.assert_array_equal(commands[56, -1], validation[0][1][-1])
 
 
+def test_one_long_stretch_does_not_decide_how_short_ones_are_validated() -> None:
+    """A sample in a hundred is lost: of 303 stretches the longest has 809 rows."""
+    worker = runpy.run_path(str(baseline_libraries.WORKER), run_name="worker")
+    drawn = np.random.default_rng(0).geometric(0.01, 360)
+    ends = np.cumsum(drawn[drawn >= baseline_libraries.MIN_STRETCH])
+    rows = np.arange(ends[-1])
+    # Numbered, to compare what is fitted with what is validated.
+    episodes = [(x[:, None], x[:, None]) for x in np.split(rows, ends[:-1])]
+    assert (len(episodes), max(len(x) for x, _ in episodes)) == (303, 809)
+    fitted, validation = worker["split"](episodes)
+    numbers = [np.concatenate([x[:, 0] for x, _ in part]) for part in (fitted, validation)]
+    assert not np.intersect1d(*numbers).size
+    assert 0.15 < len(numbers[1]) / len(rows) < 0.25
+    # The last fifths have 194.
+    assert worker["known_starts"](validation)[0] == 3850
+
+
 def test_the_worker_needs_only_numpy_and_the_libraries() -> None:
     text = baseline_libraries.WORKER.read_text()
     names = {
