@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -37,8 +38,9 @@ def bench_range(
     """
     Score a model beyond its training: slaloms at 100 to 160 km/h, friction 0.3 to 1, +40 % load.
 
-    Also stop and go, and reversing. Prints PASS or FAIL: no ratio to the best naive predictor
-    above 1.02, at any horizon of 25 ms to 2 s. Takes 10 s a slalom.
+    Where the car would spin, a slalom is steered less. Also stop and go, and reversing. Prints
+    PASS or FAIL: no ratio to the best naive predictor above 1.02, at any horizon of 25 ms to 2 s.
+    Takes 10 s a slalom.
 
     Example: adk bench range --model model --figure range.png
     """
@@ -69,8 +71,8 @@ def _print(cases: list[RangeCase]) -> None:
     table = Table(box=box.SIMPLE_HEAD, padding=(0, 1), pad_edge=False)
     table.add_column("drive", no_wrap=True)
     for heading in (
-        "km/h", "starts beyond training", "v_x", "v_y", "yaw rate", "v_x", "v_y", "yaw rate",
-        f"above {MAX_RATIO:g}",
+        "km/h", "steering rad", "sideslip °", "a_y m/s²", "starts beyond training",
+        "v_x", "v_y", "yaw rate", "v_x", "v_y", "yaw rate", f"above {MAX_RATIO:g}",
     ):  # fmt: skip
         table.add_column(heading, justify="right")
     for case in cases:
@@ -78,12 +80,17 @@ def _print(cases: list[RangeCase]) -> None:
         table.add_row(
             case.variant,
             f"{case.speed_kmh:g}",
+            f"{case.peak.steering:.4f}",
+            f"{math.degrees(case.peak.sideslip):.1f}",
+            f"{case.peak.lateral_accel:.1f}",
             f"{case.beyond:.0%}",
             *(f"{ratio:.2f}" for ratio in ratios),
             str(case.above),
         )
     console.output.print(
-        "Largest RMSE / best naive predictor's over the horizons; commands known, then held:"
+        "Largest steering, sideslip and lateral acceleration: a slalom is steered less where the "
+        "car would spin.\nLargest RMSE / best naive predictor's over the horizons; commands "
+        "known, then held:"
     )
     console.print_table(table)
     above = sum(case.above for case in cases)

@@ -24,7 +24,7 @@ def range_figure(cases: Sequence[RangeCase]) -> Figure:
     for case in cases:
         if case.variant not in (STOP_AND_GO, REVERSING):
             by_variant.setdefault(case.variant, []).append(case)
-    figure = Figure(figsize=(3.2 * len(by_variant), 3.4), layout="constrained")
+    figure = Figure(figsize=(3.2 * len(by_variant), 3.9), layout="constrained")
     axes = figure.subplots(1, len(by_variant), sharey=True, squeeze=False)[0]
     for ax, (variant, members) in zip(axes, by_variant.items(), strict=True):
         speeds = [case.speed_kmh for case in members]
@@ -35,7 +35,7 @@ def range_figure(cases: Sequence[RangeCase]) -> Figure:
             ax.plot(speeds, held, linestyle=":", color=line.get_color())
         ax.axhline(MAX_RATIO, color="0.5", linewidth=0.8)
         ax.set_title(variant, fontsize=9)
-        ax.set_xlabel("top speed (km/h)")
+        ax.set_xlabel(f"top speed (km/h)\n{_peaks(members)}", fontsize=8)
         ax.set_yscale("log")
         ax.yaxis.set_major_locator(FixedLocator(_TICKS))
         ax.yaxis.set_major_formatter("{x:g}")
@@ -45,10 +45,20 @@ def range_figure(cases: Sequence[RangeCase]) -> Figure:
     axes[0].legend(fontsize=8, frameon=False, loc="lower right")
     figure.suptitle(
         f"Largest ratio over horizons of {first:g} to {last:g} s; solid: commands known, dotted: "
-        "held",
+        "held\nBelow: largest steering angle, sideslip angle and lateral acceleration of a drive",
         fontsize=9,
     )
     return figure
+
+
+def _peaks(cases: Sequence[RangeCase]) -> str:
+    """Return how hard the drives are: a slalom in which the car would spin is steered less."""
+    steering, angle, accel = np.array([case.peak for case in cases]).T
+    return (
+        f"steering {steering.min():.3f} to {steering.max():.3f} rad\n"
+        f"sideslip {np.rad2deg(angle.min()):.1f} to {np.rad2deg(angle.max()):.1f}°, "
+        f"a_y {accel.min():.1f} to {accel.max():.1f} m/s²"
+    )
 
 
 def write_range_figure(cases: Sequence[RangeCase], path: Path) -> None:

@@ -17,16 +17,20 @@ from adk_ros.bench.runtime import range_bench
 from adk_ros.bench.runtime.range_bench import (
     MAX_RATIO,
     REVERSING,
+    PeakMotion,
     RangeCase,
     kinematic,
     measure,
+    peak_motion,
     slalom,
+    spins,
 )
-from adk_ros.bench.runtime.range_figure import write_range_figure
+from adk_ros.bench.runtime.range_figure import range_figure, write_range_figure
 from adk_ros.cli.main import main
 from adk_ros.errors import DataError
 from adk_ros.model.training_range import TrainingRange
-from adk_ros.plant.scenario.random_routes import spins
+
+PEAK = PeakMotion(0.0052, 0.1, 4.0)
 
 
 def test_kinematic_drives_obey_the_equations_of_motion() -> None:
@@ -50,11 +54,31 @@ def test_kinematic_drives_obey_the_equations_of_motion() -> None:
 def test_a_slalom_stays_on_the_road() -> None:
     record = slalom(160.0, 31, {"mu": 0.3})
     assert 3.6 * record.x[:, 0].max() > 150.0
-    assert not spins(record.x[:, 1])
+    assert not spins(record.x, 0.3)
+
+
+def test_a_spin_is_the_same_angle_at_all_speeds() -> None:
+    for v_x in (10.0, 30.0, 45.0, -30.0):
+        angle = np.deg2rad([[6.6], [6.8]])
+        below, above = (np.column_stack([[v_x], [v_x * np.tan(a)], [0.0]]) for a in angle)
+        assert not spins(below, 0.6)
+        assert spins(above, 0.6)
+        assert spins(below, 0.3)
+    assert spins(np.full((2, 3), np.nan), 1.0)
+
+
+def test_how_hard_a_drive_is() -> None:
+    record = kinematic(-2.5, 1, stops=False)
+    noisy = range_bench._with_noise(record, 1)
+    peak = peak_motion(noisy)
+    assert peak.steering == np.abs(record.u[:, 1]).max() == pytest.approx(0.15, abs=1e-3)
+    # The rear axle does not slip: tan(beta) = l_r / l tan(delta).
+    assert np.tan(peak.sideslip) == pytest.approx(1.355 / 2.67 * np.tan(peak.steering))
+    assert peak.lateral_accel == pytest.approx(np.abs(record.a[:, 1]).max())
 
 
 def test_a_slalom_that_always_spins_is_no_drive(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(range_bench, "spins", lambda v_y: True)
+    monkeypatch.setattr(range_bench, "spins", lambda x, friction: True)
     driven = SimpleNamespace(x=np.zeros((2, 3)))
     monkeypatch.setattr(range_bench, "simulate", lambda scenario, seed: driven)
     with pytest.raises(DataError, match="spins in a slalom at 160 km/h"):
@@ -71,6 +95,9 @@ def test_a_drive_is_measured_against_naive_predictors() -> None:
     assert measure(make_model(), None, record, "x", 28.8).beyond == 0.0
     assert case.above == int((case.known > MAX_RATIO).sum() + (case.held > MAX_RATIO).sum())
     assert json.loads(json.dumps(case.as_dict()))["above"] == case.above
+    # Of the rows that count.
+    assert case.peak == peak_motion(record.rows(slice(600, None)))
+    assert case.as_dict()["peak"]["steering"] == case.peak.steering
 
 
 def test_the_command_prints_a_verdict_and_draws_the_ratio(
@@ -78,18 +105,23 @@ def test_the_command_prints_a_verdict_and_draws_the_ratio(
 ) -> None:
     good = np.full((5, 3), 0.5)
     cases = [
-        RangeCase("slalom, friction 1", 100.0, good, good, 0.0),
-        RangeCase("slalom, friction 1", 137.0, good, good, 1.0),
-        RangeCase(REVERSING, -9.0, good, good, 1.0),
+        RangeCase("slalom, friction 1", 100.0, good, good, 0.0, PeakMotion(0.013, 0.05, 4.4)),
+        RangeCase("slalom, friction 1", 137.0, good, good, 1.0, PEAK),
+        RangeCase(REVERSING, -9.0, good, good, 1.0, PEAK),
     ]
     monkeypatch.setattr(range_bench, "bench_range", lambda *arguments: cases)
     figure = tmp_path / "range.png"
     assert main(["bench", "range", "--model", "m", "--figure", str(figure)]) == 0
-    assert "PASS  0 of 90 ratios above 1.02" in capsys.readouterr().out
+    printed = capsys.readouterr().out
+    assert "PASS  0 of 90 ratios above 1.02" in printed
+    assert {"0.0130", "0.0052", "2.9", "5.7", "4.4"} <= set(printed.split())
+    drawn = range_figure(cases).axes[0].get_xlabel()
+    assert "steering 0.005 to 0.013 rad" in drawn
+    assert "sideslip 2.9 to 5.7°, a_y 4.0 to 4.4 m/s²" in drawn
     assert Image.open(figure).size[0] > 300
     bad = good.copy()
     bad[3, 1] = 1.5
-    cases[1] = RangeCase("slalom, friction 1", 137.0, good, bad, 1.0)
+    cases[1] = RangeCase("slalom, friction 1", 137.0, good, bad, 1.0, PEAK)
     assert main(["bench", "range", "--model", "m"]) == 0
     assert "FAIL  1 of 90 ratios above 1.02" in capsys.readouterr().out
     write_range_figure(cases[:1], tmp_path / "one.svg")
