@@ -80,6 +80,9 @@ def drives_table(plan: BenchPlan) -> Table:
 
 def _of(scenario: Scenario) -> str:
     parts = [f"{key} {_short(value)}" for key, value in scenario.vehicle_changes.items()]
+    if scenario.steering is not None:
+        # Less than was drawn where the car would have spun.
+        parts.append(f"steering {scenario.steering.amplitude:.4f} rad")
     wind = scenario.wind
     if wind.x or wind.y:
         parts.append(f"wind {wind.x:.1f}, {wind.y:.1f} m/s, gusts {wind.gust:.1f}")

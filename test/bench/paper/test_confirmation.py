@@ -132,6 +132,9 @@ def test_a_slalom_that_spins_is_steered_less_at_its_speed(
     assert after.steering is not None
     assert after.steering.amplitude == pytest.approx(0.81 * before.steering.amplitude)
     assert after.speed == before.speed
+    plan = BenchPlan(drives=steered_less, tests=steered_less.tests)
+    listed = {row[0]: row[-1] for row in drives_table(plan).rows}
+    assert listed[drawn.tests[2]] == f"steering {after.steering.amplitude:.4f} rad"
 
 
 def test_no_draw_lacks_a_fast_slalom_low_friction_or_a_change(tmp_path: Path) -> None:
