@@ -14,7 +14,9 @@ from adk_ros.bench.paper.criteria import brief
 from adk_ros.bench.paper.criterion import Criterion
 from adk_ros.bench.paper.other_simulators import DESCRIPTIONS
 from adk_ros.bench.paper.paper_bench import Result
+from adk_ros.bench.paper.paper_results import PAPER_EPOCHS
 from adk_ros.bench.paper.paper_tables import Table, markdown_line
+from adk_ros.bench.paper.predictors import ALDK
 from adk_ros.bench.paper.ratios import ratio_tables, summary_table
 from adk_ros.bench.paper.training_jobs import BenchPlan
 from adk_ros.files.output_folder import staged_folder
@@ -48,6 +50,12 @@ def _page(
     lines = ["# Confirmation drives", ""]
     trained = f"{plan.seeds} trainings" + " with `--single-track`" * plan.train.single_track
     lines += [f"Code {digest[:16]}, seed `{seed}`, {trained}.", ""]
+    if result.board.has(ALDK):
+        lines += [
+            f"The paper's method is trained for {plan.paper_epochs} epochs in batches of "
+            f"{plan.paper_batch} (in the paper {PAPER_EPOCHS}).",
+            "",
+        ]
     if result.without:
         lines += [f"Without pykoop and pykoopman: {result.without}.", ""]
     lines += [markdown_line(["", "criterion", "figure"]), markdown_line(["---"] * 3)]

@@ -19,6 +19,7 @@ from adk_ros.bench.paper.failure_analysis import explain_failures
 from adk_ros.bench.paper.headline import NOT_RUN, Headline, headline
 from adk_ros.bench.paper.paper_bench import Result
 from adk_ros.bench.paper.paper_figures import write_figures
+from adk_ros.bench.paper.paper_results import PAPER_BATCH, PAPER_EPOCHS
 from adk_ros.bench.paper.paper_tables import (
     Table,
     coverage_tables,
@@ -37,8 +38,6 @@ from adk_ros.numerics.arrays import FloatArray
 from adk_ros.signals.score import REPORT_SCALE
 
 PAGE = "report.html"
-PAPER_EPOCHS, PAPER_BATCH = 2000, 20
-"""Training settings in Table 2 of the paper."""
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,8 @@ from adk_ros.bench.paper.cases import NOMINAL
 from adk_ros.bench.paper.predictors import ALDK, DK, FFRLS, MF, RLS, SWLS
 from adk_ros.numerics.arrays import FloatArray
 
+PAPER_EPOCHS, PAPER_BATCH = 2000, 20
+"""Training settings, in Table 2."""
 TABLES = {
     3: (NOMINAL,),
     4: (NOMINAL,),

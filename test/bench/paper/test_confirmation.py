@@ -20,7 +20,16 @@ from adk_ros.bench.paper.confirmation_criteria import confirmation_criteria
 from adk_ros.bench.paper.confirmation_drives import CHANGES, write_confirmation_drives
 from adk_ros.bench.paper.confirmation_report import drives_table
 from adk_ros.bench.paper.other_simulators import DESCRIPTIONS, SPRUNG_CAR, OtherDrive
-from adk_ros.bench.paper.predictors import ADK_ROS, MF, MF_CHOSEN, NAIVE, PYKOOP, SWLS
+from adk_ros.bench.paper.predictors import (
+    ADK_ROS,
+    ALDK,
+    MF,
+    MF_CHOSEN,
+    NAIVE,
+    PYKOOP,
+    RLS,
+    SWLS,
+)
 from adk_ros.bench.paper.seven_dof_predictor import SevenDof
 from adk_ros.bench.paper.training_jobs import (
     BenchPlan,
@@ -241,7 +250,8 @@ def intervals(score: float, covered: int = 900, width: float = 0.9) -> IntervalS
 def verdicts(change: Callable[[str, str, str], dict[str, object]]) -> dict[str, str]:
     """Return the verdicts on a good board whose scores are replaced by `change`."""
     tests = ["nominal", "01_slalom"]
-    board = board_of(dict.fromkeys(NAIVE, 1.0) | {MF: 0.5, MF_CHOSEN: 0.3, SWLS: 0.4}, tests)
+    baselines = {MF: 0.5, MF_CHOSEN: 0.3, ALDK: 0.7, RLS: 0.5, SWLS: 0.4}
+    board = board_of(dict.fromkeys(NAIVE, 1.0) | baselines, tests)
     for variant in (CLEAN, NOISY):
         for test in tests:
             for seed in range(3):
@@ -254,6 +264,11 @@ def verdicts(change: Callable[[str, str, str], dict[str, object]]) -> dict[str, 
             filled = item if item.intervals else replace(item, intervals=intervals(1.0, width=1.0))
             items[i] = replace(filled, **change(variant, test, name))  # type: ignore[arg-type]
     return {c.name: c.verdict for c in confirmation_criteria(board)}
+
+
+def changed(name: str, **to: object) -> Callable[[str, str, str], dict[str, object]]:
+    """Return what `verdicts` needs to change the scores of a predictor."""
+    return lambda variant, test, n: to if n == name else {}
 
 
 def test_criteria() -> None:
@@ -275,6 +290,9 @@ def test_criteria() -> None:
     assert failed(lambda v, t, n: {"rmse": np.full((5, 3), 0.02)} if n == MF_CHOSEN else {}) == {
         "ahead-of-7dof"
     }
+    for member in (ALDK, RLS, SWLS):
+        better = changed(member, rmse=np.full((5, 3), 0.02))
+        assert failed(better) == {"ahead-of-papers-method"}
     assert failed(lambda v, t, n: {"rmse": np.full((5, 3), 0.045)} if n == ADK_ROS else {}) == {
         "two-seconds-noisy"
     }
@@ -312,7 +330,7 @@ def test_the_command_writes_the_drives_and_names_the_code(
 
     def short(plan: BenchPlan, folder: Path, *arguments: object) -> paper_bench.Result:
         plans.append(plan)
-        board = board_of(dict.fromkeys((*NAIVE, MF), 1.0) | {ADK_ROS: 0.03}, plan.tests)
+        board = board_of(dict.fromkeys((*NAIVE, MF, ALDK), 1.0) | {ADK_ROS: 0.03}, plan.tests)
         return paper_bench.Result(board, None, [Outcome(TrainingJob("naive"))], "not now")
 
     monkeypatch.setattr(paper_bench, "run_paper", short)
@@ -327,6 +345,9 @@ def test_the_command_writes_the_drives_and_names_the_code(
     page = (out / "confirmation.md").read_text()
     assert CODE[:16] in page
     assert "| PASS | geometric-mean |" in page
+    assert (
+        "The paper's method is trained for 90 epochs in batches of 20 (in the paper 2000)" in page
+    )
     files = sorted(path.name for path in (out / "scenarios").iterdir())
     assert len(files) == 6
     assert load_scenario(out / "scenarios" / files[0]).plant == "fourteen_dof"
