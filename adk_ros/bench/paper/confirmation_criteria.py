@@ -15,6 +15,7 @@ from adk_ros.bench.paper.criterion import FAIL, INFO, Criterion
 from adk_ros.bench.paper.interval_criteria import (
     ComparedIntervals,
     compared_intervals,
+    coverage_by_test_criterion,
     coverage_criterion,
     interval_score_criterion,
     interval_width_criterion,
@@ -43,6 +44,8 @@ from adk_ros.bench.paper.scores import (
     ScoreTable,
     combinations_text,
 )
+from adk_ros.signals.interval_scores import IntervalScore
+from adk_ros.signals.score import HORIZON_STEPS
 
 MEAN_MOST = 0.25
 """Largest geometric mean of the ratios to the best naive predictor, as in `adk bench paper`."""
@@ -58,8 +61,13 @@ FAMILIES = {
 """Families of baselines: required share of combinations ahead of the best member."""
 
 
-def confirmation_criteria(board: ScoreTable, without: str = "") -> list[Criterion]:
-    """Evaluate all criteria; `without`: the reason why the baseline libraries were not run."""
+def confirmation_criteria(board: ScoreTable, stride: int, without: str = "") -> list[Criterion]:
+    """
+    Evaluate all criteria.
+
+    :param stride: ticks from one predicted start to the next.
+    :param without: the reason why the baseline libraries were not run.
+    """
     return [
         _mean(board),
         *(_last(board, variant) for variant in board.variants()),
@@ -67,6 +75,8 @@ def confirmation_criteria(board: ScoreTable, without: str = "") -> list[Criterio
         *(_ahead(board, name, without) for name in FAMILIES),
         _coverage(board, "coverage-known-commands", "intervals"),
         _coverage(board, "coverage-held-commands", "held"),
+        _coverage_by_test(board, "coverage-by-test-known-commands", "intervals", stride),
+        _coverage_by_test(board, "coverage-by-test-held-commands", "held", stride),
         *(
             judge(f"{name}-{commands}-commands", _compared(board, kind))
             for name, judge in (
@@ -134,18 +144,36 @@ def _ahead(board: ScoreTable, family: str, without: str) -> Criterion:
 def _coverage(board: ScoreTable, name: str, kind: str) -> Criterion:
     found: dict[Combination, float] = {}
     for variant in board.variants():
-        scores = [
-            score
-            for (v, _, who), items in board.scores.items()
-            if v == variant and who == ADK_ROS
-            for item in items
-            if (score := getattr(item, kind)) is not None
-        ]
+        scores = [x for test in board.tests() for x in _intervals(board, variant, test, kind)]
         if not scores:
             return coverage_criterion(name, {}, "")
         for (i, c), share in np.ndenumerate(pooled_intervals_coverage(scores)):
             found[Combination(variant, "all tests", i, c)] = float(share)
     return coverage_criterion(name, found, "variant, horizon, channel")
+
+
+def _coverage_by_test(board: ScoreTable, name: str, kind: str, stride: int) -> Criterion:
+    found: dict[Combination, tuple[float, float]] = {}
+    # Predictions that overlap have part of their errors in common.
+    overlapping = np.maximum(np.array(HORIZON_STEPS) / stride, 1.0)
+    for variant in board.variants():
+        for test in board.tests():
+            scores = _intervals(board, variant, test, kind)
+            if not scores:
+                continue
+            # All trainings predict the same drive with the same noise, which adds none.
+            claimed = np.mean([score.claimed for score in scores], axis=0)
+            count = claimed / overlapping[:, None]
+            for (i, c), share in np.ndenumerate(pooled_intervals_coverage(scores)):
+                if count[i, c] > 0.0:
+                    found[Combination(variant, test, i, c)] = float(share), float(count[i, c])
+    return coverage_by_test_criterion(name, found)
+
+
+def _intervals(board: ScoreTable, variant: str, test: str, kind: str) -> list[IntervalScore]:
+    """Return the interval scores of adk_ros, of all seeds that have them."""
+    items = board.scores.get((variant, test, ADK_ROS), [])
+    return [score for item in items if (score := getattr(item, kind)) is not None]
 
 
 def _compared(board: ScoreTable, kind: str) -> list[ComparedIntervals]:

@@ -34,8 +34,9 @@ def write_confirmation(
     :param scenarios: folder of the scenario files. :param digest: hash of the code.
     """
     criteria = [
-        *confirmation_criteria(result.board, result.without), by_horizon(result.board),
-    ]  # fmt: skip
+        *confirmation_criteria(result.board, plan.stride, result.without),
+        by_horizon(result.board),
+    ]
     with staged_folder(out, (PAGE,)) as staged:
         shutil.copytree(scenarios, staged / "scenarios")
         result.board.write_csv(staged / "scores.csv")

@@ -10,7 +10,9 @@ test, horizon and channel, with intervals from its RMSE on this test, see `with_
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
+from statistics import NormalDist
 from typing import NamedTuple
 
 import numpy as np
@@ -23,6 +25,9 @@ from adk_ros.signals.interval_scores import IntervalScore
 
 COVERAGE = 0.85, 0.95
 """Admissible coverage of the 90 % intervals."""
+_CLAIMED, _ROUNDING = 0.9, 1e-9
+_BY_CHANCE = 0.05
+"""Share of the runs with exact intervals, by choice, in which a test may lie outside by chance."""
 _NOT_MEASURED = "not measured"
 
 
@@ -72,6 +77,38 @@ def coverage_criterion(name: str, coverage: Mapping[Combination, float], of: str
     if outside:
         shown = {combo: f"{100.0 * share:.1f} %" for combo, share in outside.items()}
         figure += f"; outside: {combinations_text(list(outside), shown)}"
+    return Criterion.judged(not outside, name, figure)
+
+
+def coverage_by_test_criterion(
+    name: str, tests: Mapping[Combination, tuple[float, float]]
+) -> Criterion:
+    """
+    Judge the coverage of each test; `tests`: coverage and number of independent predictions.
+
+    A coverage may differ from 90 % by as much as the pooled one, or by what chance explains if
+    that is more: z sqrt(0.9 * 0.1 / n) for n independent predictions, where a normal variable
+    exceeds z in size with probability 0.05 / N for N comparisons (Bonferroni), so that exact
+    intervals fail in 5 % of the runs at most.
+    """
+    if not tests:
+        return Criterion(FAIL, name, _NOT_MEASURED)
+    z = NormalDist().inv_cdf(1.0 - 0.5 * _BY_CHANCE / len(tests))
+    chance = z * math.sqrt(_CLAIMED * (1.0 - _CLAIMED))
+    margin, shown = {}, {}
+    for combo, (share, count) in tests.items():
+        allowed = max(COVERAGE[1] - _CLAIMED, chance / math.sqrt(count))
+        margin[combo] = allowed - abs(share - _CLAIMED)
+        least, most = max(_CLAIMED - allowed, 0.0), min(_CLAIMED + allowed, 1.0)
+        shown[combo] = f"{100.0 * share:.1f} %, allowed {100.0 * least:.1f} to {100.0 * most:.1f}"
+    outside = [combo for combo in tests if not margin[combo] >= -_ROUNDING]
+    shares = [share for share, _ in tests.values()]
+    worst = min(margin, key=margin.__getitem__)
+    figure = f"90 % intervals cover {100.0 * min(shares):.1f} to {100.0 * max(shares):.1f} %, "
+    figure += f"{len(tests) - len(outside)} of {len(tests)} (variant, test, horizon, channel) "
+    figure += f"within 5 points or chance, the worst {combinations_text([worst], shown)}"
+    if outside:
+        figure += f"; outside: {combinations_text(outside, shown)}"
     return Criterion.judged(not outside, name, figure)
 
 

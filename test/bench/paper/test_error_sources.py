@@ -118,4 +118,4 @@ def test_the_rows_stand_in_the_table_and_are_never_the_best(tmp_path: Path) -> N
     assert set(shown[ORACLE_ESTIMATED][1 : 1 + horizons]) == {"-"}
     assert "-" not in shown[ORACLE_ESTIMATED][1 + horizons :]
     assert not {names.index(name) for name in explained} & {row for row, _ in table.best}
-    assert confirmation_criteria(board) == confirmation_criteria(without)
+    assert confirmation_criteria(board, 20) == confirmation_criteria(without, 20)
