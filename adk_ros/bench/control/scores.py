@@ -26,6 +26,9 @@ _CYCLE_MS = 25.0
 _REMOVED, _NOMINAL_LOSS = 0.5, 0.05
 """Share of the gap that adaptation must remove on changed cars, and by how much the error on the
 nominal car may grow."""
+_STANDARD_ERRORS = 2.0
+"""Standard errors over the seeds that a gap must exceed: usual for a confidence of about 95 %."""
+_ONE_SEED = "one seed: chance not known"
 
 
 @dataclass(frozen=True)
@@ -101,14 +104,22 @@ def score_run(run: ClosedLoopRun, path: ReferencePath) -> RunScore:
     )
 
 
-def mean_error(runs: Sequence[ScoredRun], controller: str, model: str, car: str) -> float:
-    """Return the RMS lateral error, m, averaged over manoeuvres and seeds; NaN without runs."""
-    found = [
-        run.score.lateral_rms
-        for run in runs
-        if (run.controller, run.model, run.car) == (controller, model, car)
-    ]
-    return float(np.mean(found)) if found else float("nan")
+def errors_by_seed(
+    runs: Sequence[ScoredRun], controller: str, car: str, models: Sequence[str]
+) -> FloatArray:
+    """
+    Return the RMS lateral error, m, averaged over manoeuvres, (models, seeds).
+
+    Of the seeds with which all `models` were run, which may be none.
+    """
+    found: dict[int, dict[str, list[float]]] = {}
+    for run in runs:
+        if (run.controller, run.car) == (controller, car):
+            by_model = found.setdefault(run.seed, {})
+            by_model.setdefault(run.model, []).append(run.score.lateral_rms)
+    complete = [by_model for by_model in found.values() if set(models) <= set(by_model)]
+    table = [[float(np.mean(by_model[name])) for by_model in complete] for name in models]
+    return np.array(table)
 
 
 def criteria(runs: Sequence[ScoredRun]) -> list[Criterion]:
@@ -118,13 +129,12 @@ def criteria(runs: Sequence[ScoredRun]) -> list[Criterion]:
     cars = list(dict.fromkeys(run.car for run in runs))
     for controller in controllers:
         for car in cars:
-            frozen, adapted, limit = (
-                mean_error(runs, controller, model, car) for model in (FROZEN, ADAPTED, PLANT)
-            )
-            if car == NOMINAL and np.isfinite(frozen + adapted):
-                found.append(_no_loss(controller, frozen, adapted))
-            elif np.isfinite(frozen + adapted + limit):
-                found.append(_gap_removed(f"{controller}, {car}", frozen, adapted, limit))
+            models = (FROZEN, ADAPTED) if car == NOMINAL else (FROZEN, ADAPTED, PLANT)
+            errors = errors_by_seed(runs, controller, car, models)
+            if not errors.size:
+                continue
+            judge = _no_loss if car == NOMINAL else _gap_removed
+            found.append(judge(f"{controller}, {car}", errors))
         times = [r.score.p99_ms for r in runs if (r.controller, r.model) == (controller, ADAPTED)]
         if times:
             worst = float(np.nanmax(times))
@@ -133,19 +143,40 @@ def criteria(runs: Sequence[ScoredRun]) -> list[Criterion]:
     return found
 
 
-def _gap_removed(name: str, frozen: float, adapted: float, limit: float) -> Criterion:
+def _gap_removed(name: str, errors: FloatArray) -> Criterion:
+    """Judge errors (3, seeds): without adaptation, with it, and of the plant."""
+    frozen, adapted, limit = errors.mean(axis=1).tolist()
     figures = f"{frozen:.3f} m frozen, {adapted:.3f} m adapted, {limit:.3f} m with the plant"
-    if frozen <= limit:
-        return Criterion(f"{name}: no gap to remove: {figures}", None)
+    gaps = errors[0] - errors[2]
+    by_chance = _STANDARD_ERRORS * _standard_error(gaps)
+    if not gaps.mean() > by_chance:
+        chance = _ONE_SEED if len(gaps) == 1 else f"a gap of {by_chance:.4f} m is chance"
+        return Criterion(f"{name}: no gap to remove: {figures}; {chance}", None)
     removed = (frozen - adapted) / (frozen - limit)
     text = f"{name}: adaptation removes {removed:.0%} of the gap, at least 50 %: {figures}"
-    return Criterion(text, removed >= _REMOVED)
+    return _judged(text, removed >= _REMOVED, errors)
 
 
-def _no_loss(controller: str, frozen: float, adapted: float) -> Criterion:
+def _no_loss(name: str, errors: FloatArray) -> Criterion:
+    """Judge errors (2, seeds): without adaptation and with it."""
+    frozen, adapted = errors.mean(axis=1).tolist()
     change = adapted / frozen - 1.0
     text = (
-        f"{controller}, {NOMINAL}: adaptation changes the error by {change:+.0%}, at most +5 %: "
+        f"{name}: adaptation changes the error by {change:+.0%}, at most +5 %: "
         f"{frozen:.3f} m frozen, {adapted:.3f} m adapted"
     )
-    return Criterion(text, change <= _NOMINAL_LOSS)
+    return _judged(text, change <= _NOMINAL_LOSS, errors)
+
+
+def _judged(text: str, is_met: bool, errors: FloatArray) -> Criterion:
+    """Return a verdict on errors (n, seeds); of one seed none: it may be chance."""
+    if errors.shape[1] == 1:
+        return Criterion(f"{text}; {_ONE_SEED}", None)
+    return Criterion(text, is_met)
+
+
+def _standard_error(values: FloatArray) -> float:
+    """Return that of the mean of `values` (n,); 0 of a single one."""
+    if len(values) == 1:
+        return 0.0
+    return float(np.std(values, ddof=1) / np.sqrt(len(values)))
