@@ -3,10 +3,10 @@
 """
 The plant as a prediction model: the limit of what a better model can reach.
 
-It knows the car, the road and the full state, and starts from the measured velocities like all
-other models. Its wheels keep their ratio of speed to that of the car. It integrates with a longer
-step than the simulation: RK4 at 8.3 ms is stable for rates up to 330 1/s, and the fastest mode is
-about 230 1/s (`fourteen_dof`). No candidate for real time: 12 us for each step of a candidate.
+It knows the car, the road and the true state; with measured velocities it would not be the limit
+of a model whose observer filters them. It integrates with a longer step than the simulation: RK4
+at 8.3 ms is stable for rates up to 330 1/s, and the fastest mode is about 230 1/s
+(`fourteen_dof`). No candidate for real time: 12 us for each step of a candidate.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from adk_ros.bench.control.cars import SimulatedCar
 from adk_ros.bench.control.prediction_models import COMMAND_STEP, Linearization
 from adk_ros.numerics.arrays import FloatArray
 from adk_ros.numerics.numba_cache import strict_kernel
-from adk_ros.plant.vehicle.fourteen_dof import OMEGA, STATE_SIZE, V_X, YAW_RATE, rk4_step
+from adk_ros.plant.vehicle.fourteen_dof import STATE_SIZE, rk4_step
 from adk_ros.plant.vehicle.sprung_mass import SprungMass
 from adk_ros.plant.vehicle.vehicle_parameters import Constants
 from adk_ros.signals.channels import TICK_NS, Sample
@@ -34,12 +34,8 @@ class PlantModel:
         self._start = car.state.copy()
 
     def update(self, sample: Sample) -> None:
-        """Take the state of the car with the measured velocities."""
-        state = self._car.state.copy()
-        ratio = sample.x[0] / max(abs(state[V_X]), 1.0)
-        state[OMEGA : OMEGA + 4] *= ratio if state[V_X] > 1.0 else 1.0
-        state[V_X : YAW_RATE + 1] = sample.x
-        self._start = state
+        """Take the true state of the car."""
+        self._start = self._car.state.copy()
 
     def roll_out_many(self, commands: FloatArray) -> FloatArray:
         """As `PredictionModel.roll_out_many`."""

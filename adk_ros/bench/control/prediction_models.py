@@ -1,10 +1,12 @@
 # Copyright 2026 The adk_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Prediction models of the controllers behind one interface, with measured velocities as the start.
+Prediction models of the controllers behind one interface.
 
-All get the same samples, one each 25 ms. The first command of a candidate is the one in force at
-the last sample, so that a controller decides from the second on.
+All get the same samples, one each 25 ms: the bicycle models start from their velocities, ours from
+those that its observer estimates. The plant starts from the true state of the car instead. The
+first command of a candidate is the one in force at the last sample, so that a controller decides
+from the second on.
 """
 
 from __future__ import annotations
