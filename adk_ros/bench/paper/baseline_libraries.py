@@ -25,6 +25,7 @@ from typing import Any
 
 import numpy as np
 
+from adk_ros.bench.paper.last_readings import predict_from_new_readings
 from adk_ros.errors import DataError, UsageError
 from adk_ros.numerics.arrays import FloatArray, IntArray
 from adk_ros.signals.channels import Record
@@ -39,6 +40,8 @@ TRUSTED = 1e-6
 """Largest difference between a batch prediction and that of the library's own function, in
 standard deviations of the channel: far above rounding, far below any error."""
 
+_PAST = 2
+"""Past samples that the libraries are given as delays, as in the worker."""
 _ENVIRONMENT = Path(".venv-peers", "bin", "python")
 _SOURCE_FOLDER = Path(__file__).resolve().parents[3]
 _ONE_THREAD = {f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS", "MKL")}
@@ -79,6 +82,16 @@ class Peer:
 
     def predict(self, record: Record, rows: IntArray, ahead: int) -> FloatArray:
         """As `BenchPredictor.predict`; NaN where there are not two past samples."""
+        return predict_from_new_readings(
+            record,
+            rows,
+            ahead,
+            lambda _, starts, steps: self._predicted(record, starts, steps),
+            past=_PAST,
+        )
+
+    def _predicted(self, record: Record, rows: IntArray, ahead: int) -> FloatArray:
+        """Return what the worker predicts from `rows`, (n, ahead, 3)."""
         answer = self._worker.ask(
             peer=np.array(self.name),
             x=record.x,

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from adk_ros.bench.paper.last_readings import predict_from_new_readings
 from adk_ros.errors import DataError
 from adk_ros.model.adaptation.online_methods import OnlineSettings, WindowedRidge
 from adk_ros.model.lifting.scaling import Scaling
@@ -87,16 +88,20 @@ class LeastSquares:
             theta = np.broadcast_to(self.theta, (rows.shape[0], *self.theta.shape))
         else:
             theta = self._adapted(record, rows, self.online)
-        out = np.empty((rows.shape[0], ahead, 3))
-        x = record.x[rows]
         unit = self.scaling.x_scale * self.scaling.step_scale
+
+        def predict(of: IntArray, starts: IntArray, steps: int) -> FloatArray:
+            out = np.empty((starts.shape[0], steps, 3))
+            x, matrices = record.x[starts], theta[of]
+            for step in range(steps):
+                phi = _phi(self.scaling, x, record.u[starts + step])
+                x = x + unit * np.einsum("nij,nj->ni", matrices, phi)
+                out[:, step] = x
+            return out
+
         # A diverging rollout is scored as such and needs no warning.
         with np.errstate(over="ignore", invalid="ignore"):
-            for step in range(ahead):
-                phi = _phi(self.scaling, x, record.u[rows + step])
-                x = x + unit * np.einsum("nij,nj->ni", theta, phi)
-                out[:, step] = x
-        return out
+            return predict_from_new_readings(record, rows, ahead, predict)
 
     def _adapted(self, record: Record, rows: IntArray, settings: OnlineSettings) -> FloatArray:
         """Return the adapted theta at each row, (n, 3, 6)."""

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from adk_ros.bench.paper.last_readings import predict_from_new_readings
 from adk_ros.numerics.arrays import FloatArray, IntArray
 from adk_ros.plant.identification.identify_vehicle import actuator_state_history, identify_vehicle
 from adk_ros.plant.identification.vehicle_rollout import rollout
@@ -17,10 +18,7 @@ from adk_ros.signals.channels import Record
 
 _BATCH = 4096
 _HISTORY, _STRIDE = 8, 20
-"""
-Rows before the first one compared, and from one to the next, as on the tests. Readings older than
-the history are not gone on from.
-"""
+"""Rows before the first one compared, and from one to the next, as on the tests."""
 
 
 @dataclass(frozen=True)
@@ -76,23 +74,15 @@ class SevenDof:
         """
         constants = self.vehicle.constants()
         reached = actuator_state_history(constants, record)
-        out = np.empty((rows.shape[0], ahead, 3))
-        starts = _last_new(record, rows)
-        for passed in np.unique(rows - starts):
-            of = np.flatnonzero(rows - starts == passed)
-            for chosen in np.array_split(of, -(-of.size // _BATCH)):
+
+        def predict(_: IntArray, starts: IntArray, steps: int) -> FloatArray:
+            out = np.empty((starts.shape[0], steps, 3))
+            for chosen in np.array_split(np.arange(starts.size), -(-starts.size // _BATCH)):
                 part = starts[chosen]
-                commands = record.u[part[:, None] + np.arange(ahead + passed)]
+                commands = record.u[part[:, None] + np.arange(steps)]
                 out[chosen] = rollout(
                     constants, record.x[part], commands, actuators=reached[part], mu=self.mu
-                )[:, passed:]
-        return out
+                )
+            return out
 
-
-def _last_new(record: Record, rows: IntArray) -> IntArray:
-    """Return for each of `rows` the last one with a new reading, a few rows before at most."""
-    last = np.maximum.accumulate(np.where(record.learnable, np.arange(len(record)), -1))[rows]
-    usable = (last >= np.maximum(rows - _HISTORY, 0)) & (
-        record.episode[last] == record.episode[rows]
-    )
-    return np.asarray(np.where(usable, last, rows))
+        return predict_from_new_readings(record, rows, ahead, predict)

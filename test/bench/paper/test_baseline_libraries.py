@@ -20,6 +20,7 @@ import pytest
 
 from adk_ros.bench.paper import baseline_libraries
 from adk_ros.bench.paper.baseline_libraries import Peers, find_python, stretches
+from adk_ros.bench.paper.last_readings import last_new, predict_from_new_readings
 from adk_ros.errors import DataError, UsageError
 from adk_ros.signals.channels import TICK_NS, Flag, Record
 
@@ -81,6 +82,43 @@ def test_job_and_answer(tmp_path: Path) -> None:
             assert peer.predict(test, rows[:0], 4).shape == (0, 4, 3)
     with pytest.raises(UsageError, match="closed"):
         both.predictors[0].predict(test, rows, 4)
+
+
+def test_a_repeated_reading_is_no_start(tmp_path: Path) -> None:
+    test = record(seed=1)
+    flags = test.flags.copy()
+    flags[[50, 51, 60, 200]] |= int(Flag.ODOMETRY_STALE)
+    # There the readings before lack two past ones.
+    later = (np.arange(300) >= 198).astype(np.int64)
+    test = dataclasses.replace(test, flags=flags, episode=later)
+    with fitted(tmp_path) as both:
+        predicted = both.predictors[0].predict(test, np.array([49, 50, 51, 52, 60, 200]), 4)
+    from_rows = np.array([49, 49, 49, 52, 59, 200])
+    assert predicted.shape == (6, 4, 3)
+    np.testing.assert_array_equal(predicted[:, 0], test.x[from_rows] + 300.0)
+
+
+@pytest.mark.parametrize("past", [0, 2])
+def test_what_is_predicted_up_to_a_row_is_left_out(past: int) -> None:
+    test = record()
+    flags = test.flags.copy()
+    flags[[1, 30, 31]] |= int(Flag.ODOMETRY_STALE)
+    flags[40:60] |= int(Flag.ODOMETRY_STALE)
+    rows = np.array([1, 29, 31, 45, 55])
+    found = predict_from_new_readings(
+        dataclasses.replace(test, flags=flags), rows, 3,
+        lambda _, starts, steps: np.repeat(starts[:, None] + np.arange(1, steps + 1), 3).reshape(
+            starts.size, steps, 3
+        ),
+        past,
+    )  # fmt: skip
+    # State j after a row is that of the row plus j, from wherever it is predicted.
+    np.testing.assert_array_equal(found[:, :, 0], rows[:, None] + np.arange(1, 4))
+    # None is older than eight rows, with those before it.
+    starts = [1 if past else 0, 29, 29, 39, 55]
+    np.testing.assert_array_equal(
+        last_new(dataclasses.replace(test, flags=flags), rows, past), starts
+    )
 
 
 def test_only_contiguous_good_samples_are_learned_from() -> None:

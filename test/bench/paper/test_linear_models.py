@@ -180,6 +180,30 @@ def test_actuator_states_restart_at_a_gap() -> None:
     assert np.abs(model.predict(whole, rows, 10) - alone).max() > 1e-3
 
 
+@pytest.mark.parametrize("predictor", predictors()[:2], ids=lambda p: p.name)
+def test_least_squares_goes_on_where_readings_are_repeated(predictor: BenchPredictor) -> None:
+    drive = record(seed=7, noise=0.02)
+    flags, x = drive.flags.copy(), drive.x.copy()
+    # The second start of a drive has no earlier reading of it.
+    episode = (np.arange(len(drive)) >= 100).astype(np.int64)
+    for row in (60, 61, 100):
+        flags[row] |= int(Flag.ODOMETRY_STALE)
+        x[row] = x[row - 1]
+    repeated = dataclasses.replace(drive, x=x, flags=flags, episode=episode)
+    from_last = predictor.predict(repeated, np.array([59]), 12)[0]
+    rows = np.array([59, 60, 61, 62, 100])
+    found = predictor.predict(repeated, rows, 10)
+    np.testing.assert_allclose(found[0], from_last[:10], atol=1e-12)
+    np.testing.assert_allclose(found[1], from_last[1:11], atol=1e-12)
+    np.testing.assert_allclose(found[2], from_last[2:], atol=1e-12)
+    at_once = [predictor.predict(repeated, rows[i : i + 1], 1)[0, 0] for i in range(5)]
+    np.testing.assert_allclose(found[:, 0], at_once, atol=1e-12)
+    x[[60, 61, 100]] += 1.0
+    altered = predictor.predict(dataclasses.replace(repeated, x=x), rows, 10)
+    np.testing.assert_array_equal(altered[:4], found[:4])
+    assert np.abs(altered[4] - found[4]).max() > 0.1
+
+
 def test_physics_goes_on_where_a_reading_is_repeated() -> None:
     drive = record(seed=7)
     flags = drive.flags.copy()
