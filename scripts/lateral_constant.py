@@ -73,12 +73,17 @@ def turning(softer: float, seed: int) -> Record:
         "places": [],
         "vehicle_changes": {"front_tyre": {"b_y": stiffness}},
     }
-    record = simulate(Scenario.model_validate(given), seed, 200.0).truth()
+    return mirrored(simulate(Scenario.model_validate(given), seed, 200.0).truth(), TURN_ROWS)
+
+
+def mirrored(record: Record, row: int) -> Record:
+    """Return the truth of a drive whose motion is mirrored from `row` on."""
     x, u, a, flags = (y.copy() for y in (record.x, record.u, record.a, record.flags))
     for signal in (x, u, a):
-        signal[TURN_ROWS:, 1:] *= -1.0
-    # No pair spans the change.
-    flags[TURN_ROWS] |= int(Flag.ODOMETRY_STALE)
+        signal[row:, 1:] *= -1.0
+    # No pair spans the change, and no prediction of before is compared with what follows: it is
+    # none of the car.
+    flags[row] |= int(Flag.LEVEL_CHANGE)
     return replace(record, x=x, u=u, a=a, x_ref=x.copy(), flags=flags)
 
 
