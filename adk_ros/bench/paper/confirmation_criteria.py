@@ -37,7 +37,7 @@ from adk_ros.bench.paper.predictors import (
     RLS,
     SWLS,
 )
-from adk_ros.bench.paper.ratios import geometric_mean, geometric_means
+from adk_ros.bench.paper.ratios import geometric_mean, geometric_means, tests_note
 from adk_ros.bench.paper.scores import (
     HORIZONS,
     Combination,
@@ -105,6 +105,7 @@ def _last(board: ScoreTable, variant: str) -> Criterion:
     plant = geometric_means(board, ORACLE).get((variant, last))
     if plant is not None:
         text += f"; the plant itself, from the same measurements: {plant:.4f}"
+        text += tests_note(board, ORACLE)
     return Criterion.judged(mean <= LAST_MOST[variant], f"two-seconds-{variant}", text)
 
 

@@ -46,6 +46,13 @@ def lost_tests(board: ScoreTable, name: str) -> dict[tuple[str, int], int]:
     }
 
 
+def tests_note(board: ScoreTable, name: str) -> str:
+    """Return on how many tests a predictor was run if not on all: its means are of these."""
+    tests = board.tests()
+    run = {test for _, test, who in board.scores if who == name}
+    return f" ({len(run)} of {len(tests)} tests)" if len(run) < len(tests) else ""
+
+
 def mean_text(mean: float | None, lost: int) -> str:
     """Format a geometric mean with three digits, as a lower bound if predictions diverged."""
     if mean is None:
@@ -64,7 +71,8 @@ def summary_table(board: ScoreTable) -> Table:
     lost = {name: lost_tests(board, name) for name in names}
     keys = [(v, i) for v in board.variants() for i in range(len(HORIZONS))]
     for name in names:
-        rows.append([name, *(mean_text(means[name].get(k), lost[name][k]) for k in keys)])
+        label = name + tests_note(board, name)
+        rows.append([label, *(mean_text(means[name].get(k), lost[name][k]) for k in keys)])
     columns = [
         {n: means[n][key] for n in names if key in means[n] and not lost[n][key]} for key in keys
     ]

@@ -15,6 +15,7 @@ from helpers.paper import board_of, case_score, good_board, papers_board
 from helpers.train import made_record
 
 from adk_ros.bench.paper.cases import CLEAN, HISTORY, NOISY, PAPER_TESTS, rows_of
+from adk_ros.bench.paper.confirmation_criteria import confirmation_criteria
 from adk_ros.bench.paper.paper_results import FIVE, TABLES, effect, printed, published
 from adk_ros.bench.paper.paper_tables import (
     coverage_tables,
@@ -173,6 +174,19 @@ def test_tables_list_all_predictors_with_the_oracle_last() -> None:
     # Rounding over the best naive one says nothing.
     assert (CLEAN, 0) not in geometric_means(board, ORACLE)
     assert geometric_means(board, ORACLE)[NOISY, 0] == pytest.approx(0.01)
+
+
+def test_means_over_fewer_tests_say_so() -> None:
+    board = good_board()
+    for test in board.tests()[:8]:
+        board.add(NOISY, test, ORACLE, case_score(0.01))
+    names = [row[0] for row in summary_table(board).rows]
+    assert names[-1] == f"{ORACLE} (8 of 10 tests)"
+    assert names[:-1] == board.names()[:-1]
+    (noisy,) = (
+        item for item in confirmation_criteria(board, 20) if item.name == "two-seconds-noisy"
+    )
+    assert noisy.figure.endswith("0.0100 (8 of 10 tests)")
 
 
 def test_divergence_is_marked_in_tables() -> None:
