@@ -4,14 +4,15 @@
 Compare the result of a synthetic fleet with what was injected.
 
 An effect is named if it is claimed at its level, or if such a claim has it among its ties. Of a
-trend the shape may differ. A place is found if a claimed cell of its effect lies on it. Sizes are
-compared where the effect itself is claimed with the injected shape.
+trend the shape may differ. A second claim of an effect that was injected once is false. A place is
+found if a claimed cell of its effect lies on it. Sizes are compared where the effect itself is
+claimed with the injected shape.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -61,7 +62,7 @@ def compare_with_truth(result: FleetResult, truth: Mapping[str, Any]) -> TruthCo
     `truth["place"]` may be None: then every claimed place is false.
     """
     known = [_Injected(each) for each in truth["effects"]]
-    claims = {each: [c for c in result.claims if each.is_claimed_by(c)] for each in known}
+    claims = {each: each.claims_among(result.claims) for each in known}
     used = [claim for found in claims.values() for claim in found]
     left = [c for c in result.claims if c not in used]
     tied = {each: [c for c in left if each.is_tie_of(c)] for each in known if not claims[each]}
@@ -105,6 +106,12 @@ class _Injected:
         ((name, value),) = known["parameters"].items()
         self.size: float = value - column_of(f"{self.effect}.{name}").parameter.neutral
         self.text = f"{self.effect} ({self.level.text})"
+
+    def claims_among(self, claims: Sequence[Claim]) -> list[Claim]:
+        """Return the claim of this effect, of the injected shape before others; none or one."""
+        found = [claim for claim in claims if self.is_claimed_by(claim)]
+        found.sort(key=lambda claim: (claim.kind != self.level.kind, -claim.evidence))
+        return found[:1]
 
     def is_claimed_by(self, claim: Claim) -> bool:
         level = self.level

@@ -61,6 +61,15 @@ def test_found_missed_and_false() -> None:
     )
 
 
+def test_a_second_claim_of_one_effect_is_false() -> None:
+    """Of the two the one with the injected shape counts, whichever comes first."""
+    ramp, step = (claim("brake_torque_gain", kind, "B") for kind in ("ramp", "step"))
+    for claims in ([ramp, step], [step, ramp]):
+        found = compared([injected("brake_torque_gain", "ramp", "B")], claims)
+        assert (found.named, found.false, found.sized) == (1, 1, 1)
+        assert "FALSE  brake_torque_gain (level): -0.1" in found.lines
+
+
 def test_a_size_outside_its_interval() -> None:
     effects = [injected("gyro_scale", "condition", tag="tyres", value="winter")]
     outside: dict[str, Any] = {"condition": ("tyres", "winter"), "interval": (-0.09, 0.0)}
