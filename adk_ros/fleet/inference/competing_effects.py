@@ -185,19 +185,30 @@ class Sample:
         return {name: [row for row in every if row["recording"] == name] for name in self.names}
 
     def excess(self, estimate: FleetEstimate, rows: Mapping[str, Sequence[Row]]) -> float:
-        """Return the least loss of all recordings, above that of a perfect model."""
-        return remaining_loss(estimate, {name: rows[name] for name in self.names})
+        """
+        Return the least loss of all recordings, above that of a perfect model.
+
+        By the dispersion of the sample: at a worse effect residuals are more alike, and a loss
+        over their own dispersion would look smaller.
+        """
+        dispersions = dict(zip(self.names, self.dispersions.tolist(), strict=True))
+        return remaining_loss(estimate, {name: rows[name] for name in self.names}, dispersions)
 
 
-def remaining_loss(estimate: FleetEstimate, rows: Mapping[str, Sequence[Row]]) -> float:
+def remaining_loss(
+    estimate: FleetEstimate,
+    rows: Mapping[str, Sequence[Row]],
+    dispersions: Mapping[str, float] | None = None,
+) -> float:
     """
     Return the least loss of recordings, above that of a perfect model, with the claims there.
 
-    `rows`: of each recording, linearised at `estimate`.
+    `rows`: of each recording, linearised at `estimate`. `dispersions`: by default those of `rows`.
     """
     found = {name: _evidence(estimate.fleet, of_one) for name, of_one in rows.items()}
     return sum(
-        local_fit(one, estimate.values_of(name)).excess / one.dispersion
+        local_fit(one, estimate.values_of(name)).excess
+        / (one.dispersion if dispersions is None else dispersions[name])
         for name, one in found.items()
     )
 
