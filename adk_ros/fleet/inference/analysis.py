@@ -64,7 +64,8 @@ class FleetAnalysis:
     Estimate and result of a fleet.
 
     `failed`: recordings without evidence -> reason. `outdated`: recordings that take part with
-    the evidence of an earlier pass, since they failed in a later one -> reason.
+    the evidence of an earlier estimate, since they failed in a later pass, or since the last one
+    moved the estimate once more -> reason.
     """
 
     estimate: FleetEstimate
@@ -98,8 +99,9 @@ def analyse_fleet(
         estimate = fleet.estimated(turn, fleet.linearised_at(further, turn))
         if turn == _EARLY_PASSES:
             estimate = fleet.widened(estimate)
-    result = fleet_result(estimate, fleet.loss_ratios, progress, fleet.linearised.outdated)
-    return FleetAnalysis(estimate, result, fleet.linearised.failed, fleet.linearised.outdated)
+    outdated = {**fleet.unsettled(estimate), **fleet.linearised.outdated}
+    result = fleet_result(estimate, fleet.loss_ratios, progress, outdated)
+    return FleetAnalysis(estimate, result, fleet.linearised.failed, outdated)
 
 
 class _Passes:
@@ -176,6 +178,12 @@ class _Passes:
         moved = self.linearised.moved_to(estimate, self._active)
         cells = _moved_cells(self._places, estimate.places)
         return turn > _EARLY_PASSES and not (self._late or cells or moved)
+
+    def unsettled(self, estimate: FleetEstimate) -> dict[str, str]:
+        """Return the recordings that are not linearised at the last estimate -> reason."""
+        moved = self.linearised.moved_to(estimate, self._active)
+        moved |= self.linearised.passing(_moved_cells(self._places, estimate.places), self._active)
+        return dict.fromkeys(moved, f"the estimate still moved after {self.passes} passes")
 
     def _sampled(self, estimate: FleetEstimate) -> frozenset[str]:
         return self._comparisons.sampled(estimate, self.linearised.usable(self._active))
