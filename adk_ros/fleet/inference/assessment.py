@@ -13,7 +13,7 @@ from scipy.special import stdtr, stdtrit
 from adk_ros.fleet.inference.fleet_model import Candidate, FleetModel
 from adk_ros.fleet.inference.mixed_model import Components, Estimate, MixedModel, Term
 from adk_ros.fleet.inference.variance_components import degrees_of_freedom, total_variance
-from adk_ros.numerics.arrays import FloatArray
+from adk_ros.numerics.arrays import BoolArray, FloatArray
 
 
 @dataclass(frozen=True)
@@ -51,11 +51,16 @@ def assessment_of(
     mixed: MixedModel,
     terms: Sequence[Term],
     components: Components,
+    sample: BoolArray | None = None,
 ) -> Assessment:
-    """Return the assessment of a candidate, term `m` of an estimate with the surrogate's error."""
+    """
+    Return the assessment of a candidate, term `m` of an estimate with the surrogate's error.
+
+    `sample` (r,): recordings that the components were fitted to, by default all.
+    """
     size, variance = float(estimate.sizes[m]), float(estimate.covariance[m, m])
     deviation = float(np.sqrt(total_variance(mixed, terms, estimate, m)))
-    freedom = degrees_of_freedom(mixed, terms, components, m)
+    freedom = degrees_of_freedom(mixed, terms, components, m, sample)
     i = mixed.active.index(candidate.effect)
     sums = sum(
         (

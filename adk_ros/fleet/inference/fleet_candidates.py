@@ -25,12 +25,21 @@ from adk_ros.fleet.inference.fleet_model import (
     Candidate,
     FleetModel,
     explained_by,
+    fault_free,
     remaining_excess,
     share_equation,
     without_faults,
 )
 from adk_ros.fleet.inference.further_terms import evidence_of_designs
-from adk_ros.fleet.inference.levels import BOUND_DEVIATIONS, CAR, SHARED, Level, levels_of
+from adk_ros.fleet.inference.levels import (
+    BOUND_DEVIATIONS,
+    CAR,
+    SHARED,
+    Level,
+    distinct,
+    is_trend,
+    usable_levels,
+)
 from adk_ros.fleet.inference.linearisation_point import MOVED
 from adk_ros.fleet.inference.saved_loss import SavedLoss, best_half
 from adk_ros.fleet.inference.variance_components import fitted_components
@@ -61,9 +70,9 @@ class Candidates:
     """
     Candidates of a fleet; `further_tests`: tests at places, which share the rate of false alarms.
 
-    `levels` are those that the recordings tell apart. `refused`: candidates that are not examined.
-    `beside`: candidate -> a better one of the same recordings, next to which alone it is examined
-    (`effect_comparisons`).
+    `levels` are those that the recordings tell apart, of `every_level`. `refused`: candidates that
+    are not examined. `beside`: candidate -> a better one of the same recordings, next to which
+    alone it is examined (`effect_comparisons`).
     """
 
     def __init__(
@@ -75,7 +84,8 @@ class Candidates:
         beside: Mapping[Identity, Identity] | None = None,
     ) -> None:
         self.fleet = fleet
-        self.levels = levels_of(fleet)
+        self.every_level = usable_levels(fleet)
+        self.levels = distinct(self.every_level, fleet)
         self.designs = np.array([level.design(fleet) for level in self.levels])
         self._without_onset = [level.without_onset for level in self.levels]
         informative = np.einsum("rii->i", fleet.informations)[fleet.columns.first_effect :]
@@ -93,6 +103,18 @@ class Candidates:
         is_beside = better is None or any(identity(claim) == better for claim in model.claimed)
         return is_beside and known not in self.refused
 
+    @staticmethod
+    def repeats(model: FleetModel, effect: int, level: Level) -> bool:
+        """
+        Whether a level is a change in time of what is claimed to change already.
+
+        A second trend of an effect in the same cars is what the shape of the first leaves.
+        """
+        return is_trend(level) and any(
+            is_trend(c.level) and (c.effect, c.level.car) == (effect, level.car)
+            for c in model.claimed
+        )
+
     def dependents(self, model: FleetModel, claim: Candidate) -> tuple[Candidate, ...]:
         """Return the claims of a model that are allowed only next to one of them."""
         better = identity(claim)
@@ -107,8 +129,10 @@ class Candidates:
         terms = model.terms()
         components = model.components_of(active)
         estimate = mixed.estimate(terms, components, with_bias=True)
+        # The components are those of `Selection.refitted`.
+        sample = fault_free(self.fleet, model)
         return [
-            assessment_of(candidate, m, estimate, mixed, terms, components)
+            assessment_of(candidate, m, estimate, mixed, terms, components, sample)
             for m, candidate in enumerate(model.claimed)
         ]
 
@@ -130,15 +154,18 @@ class Candidates:
         for i in np.argsort(-start.kappa)[:_REFITTED]:
             if start.kappa[i] > _LARGE_DEVIATION and i not in which:
                 which.append(int(i))
+        counted = None
         if candidate.level.kind == SHARED:
             both = replace(model, claimed=(*model.claimed, candidate))
+            counted = fault_free(self.fleet, both)
             sample, part = without_faults(self.fleet, both)
             acting = [claim.term for claim in part.claimed if claim.design.any()]
             found = fitted_components(part.mixed(sample), acting, start, which)
         else:
             found = fitted_components(mixed, terms, start, which)
         estimate = mixed.estimate(terms, found, with_bias=True)
-        return assessment_of(candidate, len(model.claimed), estimate, mixed, terms, found)
+        m = len(model.claimed)
+        return assessment_of(candidate, m, estimate, mixed, terms, found, counted)
 
     def gains(self, model: FleetModel, effect: int) -> FloatArray:
         """
@@ -173,12 +200,13 @@ class Candidates:
         model: FleetModel,
         excess: FloatArray | None = None,
         refused: Collection[Identity] = (),
+        with_repeats: bool = False,
     ) -> list[tuple[float, Candidate]]:
         """
         Return the candidates of the largest gains of each parameter, largest first.
 
         `excess` (r,): of the model; then only those that save about enough of it. `refused`: what
-        is left out.
+        is left out. `with_repeats`: also second trends, see `repeats`.
         """
         out = []
         required = None if excess is None else self.required(excess)
@@ -192,9 +220,15 @@ class Candidates:
             if not which.any():
                 continue
             gains = np.where(which, self.gains(model, effect), -1.0)
+            repeated = {
+                level
+                for level in self._without_onset
+                if not with_repeats and self.repeats(model, effect, level)
+            }
+            left_out = {*refused, *((effect, level) for level in repeated)}
             out += [
                 (float(gains[i]), Candidate(effect, self.levels[i], self.designs[i]))
-                for i in self._largest(model, effect, gains, refused)
+                for i in self._largest(model, effect, gains, left_out)
                 if which[i]
             ]
         return sorted(out, key=lambda pair: -pair[0])

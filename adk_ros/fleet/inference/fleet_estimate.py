@@ -61,13 +61,22 @@ class FleetEstimate:
         """
         Return the estimate for these and further recordings, to be linearised at it.
 
-        Loss ratios and visits are those of the recordings that it comes from.
+        Loss ratios and visits are those of the recordings that it comes from. A ramp ends at the
+        last of all recordings: its size becomes what it is then.
         """
 
         def designed(candidate: Candidate) -> Candidate:
             return replace(candidate, design=candidate.level.design(fleet))
 
-        claims = tuple(replace(c, candidate=designed(c.candidate)) for c in self.claims)
+        def widened(claim: Assessment) -> Assessment:
+            candidate = designed(claim.candidate)
+            row = int(np.argmax(claim.candidate.design))
+            now = candidate.design[fleet.names.index(self.fleet.names[row])]
+            factor = float(claim.candidate.design[row] / now)
+            size, deviation = factor * claim.size, factor * claim.deviation
+            return replace(claim, candidate=candidate, size=size, deviation=deviation)
+
+        claims = tuple(widened(claim) for claim in self.claims)
         model = replace(self.model, claimed=tuple(designed(c) for c in self.model.claimed))
         selection = Selection(fleet, 0, None, self.selection.refused, self.selection.beside)
         return replace(self, fleet=fleet, selection=selection, model=model, claims=claims)

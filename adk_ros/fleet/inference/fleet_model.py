@@ -15,7 +15,7 @@ from adk_ros.fleet.inference.levels import SHARED, Level
 from adk_ros.fleet.inference.mixed_model import Components, MixedModel, Term
 from adk_ros.fleet.inference.variance_components import start_components
 from adk_ros.mismatch.library.criteria import MAX_NORMALISED_LOSS, MIN_GAIN_PER_NULL_EXCESS
-from adk_ros.numerics.arrays import FloatArray
+from adk_ros.numerics.arrays import BoolArray, FloatArray
 from adk_ros.numerics.bounded_quadratic import bounded_maxima
 
 _OFFSET_VARIANCE = 2.0
@@ -122,8 +122,10 @@ def joint_vectors(
         for size, candidate in zip(estimate.sizes, model.claimed, strict=True):
             out[:, c.first_effect + candidate.effect] += size * candidate.design
         of_car = np.array([fleet.car_names.index(car) for car in fleet.cars])
+        acting = mixed.acting(model.terms())
         for i, effect in enumerate(active if with_deviations else ()):
-            out[:, c.first_effect + effect] += estimate.car_deviations[of_car, i]
+            deviations = estimate.car_deviations[of_car, i] * acting[:, i]
+            out[:, c.first_effect + effect] += deviations
     k = c.first_effect
     right = fleet.scores[:, :k] - np.einsum(
         "rij,rj->ri", fleet.informations[:, :k, k:], out[:, k:]
@@ -170,12 +172,20 @@ def without_faults(fleet: FleetEvidence, model: FleetModel) -> tuple[FleetEviden
     A fault leaves little of itself, but the more the larger it is, and other effects would seem to
     differ between the recordings of its car by that.
     """
-    faulty = {claim.level.car for claim in model.claimed} | set(model.strangers)
-    rows = [i for i, car in enumerate(fleet.cars) if car not in faulty]
-    if len({fleet.cars[i] for i in rows}) < _LEAST_CARS:
+    kept = fault_free(fleet, model)
+    if kept.all():
         return fleet, model
+    rows = [int(i) for i in np.flatnonzero(kept)]
     claimed = tuple(replace(c, design=c.design[rows]) for c in model.claimed)
     return fleet.kept(rows), replace(model, claimed=claimed)
+
+
+def fault_free(fleet: FleetEvidence, model: FleetModel) -> BoolArray:
+    """Return the recordings (r,) of cars of which nothing is claimed; all, if these are few."""
+    faulty = {claim.level.car for claim in model.claimed} | set(model.strangers)
+    kept = np.array([car not in faulty for car in fleet.cars])
+    cars = {car for car, is_kept in zip(fleet.cars, kept, strict=True) if is_kept}
+    return kept if len(cars) >= _LEAST_CARS else np.ones_like(kept)
 
 
 def explained_by(

@@ -4,10 +4,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 
 import numpy as np
+from scipy.special import stdtrit
 
 from adk_ros.fleet.inference.assessment import Assessment
 from adk_ros.fleet.inference.evidence import Column, Columns, column_of
@@ -348,9 +350,13 @@ def _vehicles(estimate: FleetEstimate) -> list[VehicleEffect]:
     active = model.active()
     if not active:
         return []
-    terms = model.terms()
-    found = model.mixed(fleet).estimate(terms, model.components_of(active), with_bias=True)
+    terms, mixed = model.terms(), model.mixed(fleet)
+    found = mixed.estimate(terms, model.components_of(active), with_bias=True)
     covariance = found.covariance + found.bias
+    # What a claim's variance has besides: the surrogate's error on other roads, inexact equations.
+    deviations = np.array([claim.deviation for claim in estimate.claims])
+    further = np.maximum(deviations**2 - np.diag(covariance), 0.0)
+    acting = mixed.acting(terms)
     out = []
     for c, car in enumerate(fleet.car_names):
         of_car = np.array([name == car for name in fleet.cars])
@@ -359,13 +365,19 @@ def _vehicles(estimate: FleetEstimate) -> list[VehicleEffect]:
             share = np.array(
                 [t.design[of_car].mean() if t.effect == effect else 0.0 for t in terms]
             )
-            size = float(share @ found.sizes + found.car_deviations[c, i])
-            variance = float(share @ covariance @ share + found.car_variances[c, i])
+            acts = float(acting[of_car, i].mean())
+            size = float(share @ found.sizes + acts * found.car_deviations[c, i])
+            variance = float(share @ covariance @ share + acts**2 * found.car_variances[c, i])
+            variance += float(share**2 @ further)
             claimed = any(
                 t.candidate.effect == effect and t.candidate.design[of_car].any()
                 for t in estimate.claims
             )
-            half = QUANTILE_90 * float(np.sqrt(variance))
+            freedom = min(
+                (t.freedom for t, x in zip(estimate.claims, share, strict=True) if x != 0.0),
+                default=math.inf,
+            )
+            half = float(-stdtrit(freedom, 0.05)) * float(np.sqrt(variance))
             out.append(
                 VehicleEffect(
                     car,

@@ -76,11 +76,13 @@ class Selection(Candidates):
         while len(model.claimed) < MAX_TERMS:
             self.progress(len(model.claimed) / MAX_TERMS, "selecting effects and levels")
             refused = {*replaced, *(one for one, times in drops.items() if times >= _MOST_DROPS)}
-            best = self.best(model, refused)
+            best = self.best(model, refused, with_repeats=True)
             moved = self._with_onset_again(model, best)
             if moved is not None:
                 model = moved
                 continue
+            if best is not None and self.repeats(model, *identity(best.candidate)):
+                best = self.best(model, refused)
             if best is None:
                 both = self._pair_that_saves(model, refused)
                 if both is None:
@@ -119,17 +121,21 @@ class Selection(Candidates):
         )
 
     def best(
-        self, model: FleetModel, refused: set[Identity], floor: float = 0.0
+        self,
+        model: FleetModel,
+        refused: set[Identity],
+        floor: float = 0.0,
+        with_repeats: bool = False,
     ) -> Assessment | None:
         """
         Return the claimable candidate of the most evidence, none of those `refused`.
 
-        `floor`: candidates with less evidence are of no use.
+        `floor`: candidates with less evidence are of no use. `with_repeats`: as in `ranked`.
         """
         best: Assessment | None = None
         least = max(float(ndtri(0.5 * self.rates.largest)) ** 2, floor)
         excess = remaining_excess(self.fleet, model)
-        for gain, candidate in self.ranked(model, excess, refused):
+        for gain, candidate in self.ranked(model, excess, refused, with_repeats):
             # No candidate has more evidence than its gain: the rest is no better.
             if gain < max(least, 0.0 if best is None else best.evidence):
                 break
@@ -235,11 +241,9 @@ class Selection(Candidates):
         days = np.unique(self.fleet.days[of_car])
         quantiles = np.arange(1, _FITTED_ONSETS) / _FITTED_ONSETS
         effect = found.candidate.effect
-        active = model.active([effect])
-        mixed = model.mixed(self.fleet, [found.candidate])
-        components = model.components_of(active)
-        i = active.index(effect)
-        components.tau[i], components.kappa[i] = found.components
+        # As it will be judged: where the onset is wrong, recordings seem to differ by the trend.
+        fitted = self.refitted(extended(model, found))
+        mixed, components = fitted.mixed(self.fleet), fitted.components_of(fitted.active())
 
         def likelihood(candidate: Candidate) -> float:
             return mixed.estimate(model.terms([candidate]), components).likelihood
@@ -268,7 +272,9 @@ class Selection(Candidates):
         be claimed a second time, or of any before the selection ends (`best`: None).
         """
         for claim in model.claimed:
-            is_due = best is None or identity(claim) == identity(best.candidate)
+            is_due = best is None or self.repeats(
+                replace(model, claimed=(claim,)), *identity(best.candidate)
+            )
             if not (is_due and is_trend(claim.level)):
                 continue
             rest = self.without(model, claim)

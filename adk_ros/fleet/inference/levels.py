@@ -11,6 +11,7 @@ reaches one at the last recording of those cars. So the size of a ramp is what w
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -80,13 +81,21 @@ class Level:
         return out
 
 
-def levels_of(fleet: FleetEvidence) -> list[Level]:
+def distinct(levels: Sequence[Level], fleet: FleetEvidence) -> list[Level]:
     """
     Return the levels that the recordings of a fleet can tell from each other.
 
-    Of levels with the same recordings only the first is kept, in the order shared, car, condition,
-    trend; the others are among the ties of what is claimed.
+    Of levels with the same recordings only the first is kept; the others are among the ties of
+    what is claimed.
     """
+    found: dict[bytes, Level] = {}
+    for level in levels:
+        found.setdefault(level.design(fleet).tobytes(), level)
+    return list(found.values())
+
+
+def usable_levels(fleet: FleetEvidence) -> list[Level]:
+    """Return the levels of enough recordings: shared, cars, conditions, trends."""
     found = [Level(SHARED)]
     cars = fleet.car_names
     if len(cars) > 1:

@@ -241,7 +241,7 @@ class MixedModel:
         Where a deviation does not act in every recording, n' = n + a: the effects follow once
         more, for the terms, which act everywhere.
         """
-        acting = self._acting(terms)
+        acting = self.acting(terms)
         if acting.all():
             return self._information, self._score, np.ones_like(self._score)
         scale = np.ones((len(self.fleet.names), self.index.size + len(self.active)))
@@ -252,7 +252,7 @@ class MixedModel:
         information *= scale[:, :, None] * scale[:, None, :]
         return information, self._score[:, at] * scale, scale
 
-    def _acting(self, terms: Sequence[Term]) -> FloatArray:
+    def acting(self, terms: Sequence[Term]) -> FloatArray:
         """
         Return in which recordings (r, a) cars and recordings deviate in each active effect.
 

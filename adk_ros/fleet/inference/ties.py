@@ -52,7 +52,7 @@ def ties_of(selection: Selection, model: FleetModel, claim: Assessment) -> list[
     candidate = claim.candidate
     same = [
         Candidate(candidate.effect, level, candidate.design)
-        for level in same_recordings(fleet, candidate.level, selection.levels)
+        for level in same_recordings(fleet, candidate.level, selection.every_level)
     ]
     rest = replace(model, claimed=tuple(c for c in model.claimed if c is not candidate))
     effects = {c.effect for c in rest.claimed}

@@ -32,7 +32,7 @@ from adk_ros.mismatch.library.criteria import (
     SYSTEMATIC_ERROR_PER_MATERIALITY,
     SYSTEMATIC_ERROR_SHARE,
 )
-from adk_ros.numerics.arrays import FloatArray
+from adk_ros.numerics.arrays import BoolArray, FloatArray
 
 _LOWEST, _HIGHEST, _START = 1e-3, 1e3, 0.1
 """Range and start of a deviation in units of the materiality threshold."""
@@ -114,9 +114,17 @@ def _systematic(model: MixedModel, term: Term) -> float:
 
 
 def degrees_of_freedom(
-    model: MixedModel, terms: Sequence[Term], components: Components, m: int
+    model: MixedModel,
+    terms: Sequence[Term],
+    components: Components,
+    m: int,
+    sample: BoolArray | None = None,
 ) -> float:
-    """Return the degrees of freedom of the variance of the size of term `m`."""
+    """
+    Return the degrees of freedom of the variance of the size of term `m`.
+
+    `sample` (r,): recordings that the components were fitted to, by default all.
+    """
     i = model.active.index(terms[m].effect)
     zero = components.tau.copy()
     zero[i] = 0.0
@@ -126,10 +134,12 @@ def degrees_of_freedom(
     full = float(estimate.covariance[m, m])
     part = float(model.estimate(terms, replace(components, kappa=without_cars)).covariance[m, m])
     known = float(model.estimate(terms, Components(zero, without_cars)).covariance[m, m])
-    counted = ~model.free[:, i]
+    counted = ~model.free[:, i] & (True if sample is None else sample)
     cars = len({car for car, c in zip(model.fleet.cars, counted, strict=True) if c})
     recordings = int(np.count_nonzero(counted))
-    of_effect = sum(term.effect == terms[m].effect for term in terms)
+    of_effect = sum(
+        term.effect == terms[m].effect and bool(term.design[counted].any()) for term in terms
+    )
     bias = float(estimate.bias[m, m])
     if _are_one(model, terms[m]):
         spread = max(full - known, 0.0) ** 2 / max(recordings - of_effect, 1)

@@ -15,7 +15,7 @@ from adk_ros.fleet.inference.fleet_evidence import FleetEvidence
 from adk_ros.fleet.inference.fleet_model import Candidate, FleetModel
 from adk_ros.fleet.inference.fleet_result import fleet_result
 from adk_ros.fleet.inference.fleet_selection import Selection
-from adk_ros.fleet.inference.levels import RAMP, SHARED, Level
+from adk_ros.fleet.inference.levels import CAR, CONDITION, RAMP, SHARED, Level
 from adk_ros.fleet.inference.numerical_fleet import FleetPlan, Injection, draw_fleet
 from adk_ros.fleet.report.fleet_figures import matrix_figure, trend_figure
 
@@ -75,3 +75,49 @@ def test_sizes_of_scale_models_are_in_thresholds_of_their_size() -> None:
     assert value < 0.1 * column_of(DRAG).materiality
     (rounded,) = estimate.point_of(fleet.names[0]).values()
     assert rounded == pytest.approx(value, abs=0.1 * 0.03 * 0.01)
+
+
+def test_a_car_is_no_better_known_than_what_is_claimed_of_all() -> None:
+    """The surrogate's error on other roads is the same in all cars."""
+    key = "aero_downforce.cla"
+    shared = Injection(key, Level(SHARED), 8.0)
+    fleet = draw_fleet(4, FleetPlan(effects=6, bias=0.0, deviation=0.3, injections=(shared,)))
+    effect = fleet.columns.effects.index(key)
+    level = Level(SHARED)
+    model = FleetModel((Candidate(effect, level, level.design(fleet)),), {})
+    result = fleet_result(estimate_of(fleet, model))
+    (claim,) = result.claims
+    assert len(result.vehicles) == len(result.cars)
+    for value in result.vehicles:
+        assert value.high - value.low > 0.95 * (claim.high - claim.low)
+
+
+def test_a_ramp_has_another_size_at_the_last_of_more_recordings() -> None:
+    level = Level(RAMP, car="car02", onset=10.0)
+    plan = FleetPlan(effects=2, bias=0.0, deviation=0.3, injections=(Injection(DRAG, level, 6.0),))
+    fleet = draw_fleet(3, plan)
+    of_car = [r for r, car in enumerate(fleet.cars) if car == "car02"]
+    last = max(of_car, key=lambda r: fleet.days[r])
+    early = fleet.kept([r for r in range(len(fleet.names)) if r != last])
+    estimate = estimate_of(early, FleetModel((claimed(early, level),), {}))
+    widened = estimate.of_fleet(fleet)
+    for name in early.names:
+        assert widened.values_of(name) == pytest.approx(estimate.values_of(name))
+    assert abs(widened.claims[0].size) > abs(estimate.claims[0].size)
+
+
+def test_of_levels_with_the_same_recordings_one_is_examined() -> None:
+    """A driver who drives one car only: the car is claimed, and the driver a tie."""
+    fault = Injection(DRAG, Level(CAR, car="car02"), 8.0)
+    fleet = draw_fleet(3, FleetPlan(effects=2, bias=0.0, deviation=0.3, injections=(fault,)))
+    tags = tuple({"driver": "Anna" if car == "car02" else "Ben"} for car in fleet.cars)
+    fleet = replace(fleet, tags=tags)
+    selection = Selection(fleet)
+    driver = Level(CONDITION, tag="driver", value="Anna")
+    assert driver in selection.every_level
+    assert driver not in selection.levels
+    assert fault.level in selection.levels
+    (claim,) = fleet_result(
+        estimate_of(fleet, FleetModel((claimed(fleet, fault.level),), {}))
+    ).claims
+    assert f"aero_drag ({driver.text})" in claim.ties

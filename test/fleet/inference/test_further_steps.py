@@ -24,7 +24,7 @@ from adk_ros.fleet.inference.fleet_model import (
     strangers_of,
 )
 from adk_ros.fleet.inference.fleet_selection import Selection
-from adk_ros.fleet.inference.levels import CAR, CONDITION, RAMP, SHARED, STEP, Level
+from adk_ros.fleet.inference.levels import CAR, CONDITION, RAMP, SHARED, STEP, Level, is_trend
 from adk_ros.fleet.inference.numerical_fleet import FleetPlan, Injection, draw_fleet
 from adk_ros.fleet.inference.saved_loss import SavedLoss, best_half
 from adk_ros.fleet.inference.simplification import explaining
@@ -162,6 +162,21 @@ def test_what_fits_the_fault_of_a_stranger_is_not_likelier() -> None:
     model = selection.select()
     assert model.strangers == ("car01",)
     assert claimed(fleet, exchanged(selection, model)) == {(tyre, "all cars")}
+
+
+def test_what_the_shape_of_a_trend_leaves_is_no_second_one() -> None:
+    """A ramp that is steeper from a day on would be two trends of one effect in one car."""
+    key = "front_tyre_stiffness.scale"
+    both = (
+        Injection(key, Level(RAMP, car="car02", onset=5.0), 8.0),
+        Injection(key, Level(STEP, car="car02", onset=40.0), 6.0),
+    )
+    plan = FleetPlan(recordings=60, effects=4, bias=0.0, deviation=0.1, injections=both)
+    fleet = draw_fleet(2, plan)
+    found = Selection(fleet).select()
+    effect = fleet.columns.effects.index(key)
+    trends = [c.level for c in found.claimed if c.effect == effect and is_trend(c.level)]
+    assert [level.car for level in trends] == ["car02"]
 
 
 def test_a_change_point_must_be_worth_its_parameter() -> None:

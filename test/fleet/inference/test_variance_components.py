@@ -42,6 +42,18 @@ def test_repeated_recordings_separate_cars_from_recordings() -> None:
     assert freedom(28, 30, Level(CAR, car="car01")) < 10.0
 
 
+def test_cars_that_the_components_leave_out_are_no_degrees_of_freedom() -> None:
+    plan = FleetPlan(cars=8, recordings=64, effects=2, bias=0.0, deviation=0.1)
+    fleet = draw_fleet(1, plan)
+    wind = fleet.columns.effects.index("headwind.wind_x")
+    term = Candidate(wind, Level(SHARED), Level(SHARED).design(fleet)).term
+    sample = np.array([car in {"car01", "car02", "car03", "car04"} for car in fleet.cars])
+    mixed = MixedModel(fleet, (wind,))
+    every, some = (degrees_of_freedom(mixed, [term], COMPONENTS, 0, of) for of in (None, sample))
+    assert every == pytest.approx(7.0, rel=0.3)
+    assert some == pytest.approx(3.0, rel=0.3)
+
+
 def test_what_the_surrogate_feigns_on_other_roads_is_no_effect_of_all_cars() -> None:
     """Twice that error is no evidence, however many recordings say it; of one car it is."""
     key = "aero_downforce.cla"
