@@ -171,7 +171,7 @@ def test_what_the_shape_of_a_trend_leaves_is_no_second_one() -> None:
         Injection(key, Level(RAMP, car="car02", onset=5.0), 8.0),
         Injection(key, Level(STEP, car="car02", onset=40.0), 6.0),
     )
-    plan = FleetPlan(recordings=60, effects=4, bias=0.0, deviation=0.1, injections=both)
+    plan = FleetPlan(recordings=60, effects=7, bias=0.0, deviation=0.1, injections=both)
     fleet = draw_fleet(2, plan)
     found = Selection(fleet).select()
     effect = fleet.columns.effects.index(key)

@@ -23,7 +23,7 @@ from adk_ros.fleet.inference.levels import (
     SHARED,
     STEP,
     Level,
-    levels_of,
+    usable_levels,
 )
 from adk_ros.fleet.inference.numerical_fleet import FleetPlan, Injection, draw_fleet
 
@@ -156,9 +156,9 @@ def test_an_effect_beyond_its_range_is_not_claimed() -> None:
 
 def test_levels_need_recordings_on_both_sides() -> None:
     fleet = draw_fleet(1, FleetPlan(cars=2, recordings=4))
-    assert {level.kind for level in levels_of(fleet)} == {SHARED}
+    assert {level.kind for level in usable_levels(fleet)} == {SHARED}
     fleet = draw_fleet(1, FleetPlan(cars=2, recordings=30))
-    assert {level.kind for level in levels_of(fleet)} == {SHARED, CAR, CONDITION, RAMP, STEP}
+    assert {level.kind for level in usable_levels(fleet)} == {SHARED, CAR, CONDITION, RAMP, STEP}
 
 
 def test_a_ramp_of_one_car_ends_with_its_recordings() -> None:
