@@ -165,14 +165,14 @@ def test_what_fits_the_fault_of_a_stranger_is_not_likelier() -> None:
 
 
 def test_what_the_shape_of_a_trend_leaves_is_no_second_one() -> None:
-    """A ramp that is steeper from a day on would be two trends of one effect in one car."""
+    """A ramp with a step in it would be three trends of one effect in one car."""
     key = "front_tyre_stiffness.scale"
     both = (
-        Injection(key, Level(RAMP, car="car02", onset=5.0), 8.0),
-        Injection(key, Level(STEP, car="car02", onset=40.0), 6.0),
+        Injection(key, Level(RAMP, car="car02", onset=5.0), 10.0),
+        Injection(key, Level(STEP, car="car02", onset=30.0), 20.0),
     )
-    plan = FleetPlan(recordings=60, effects=7, bias=0.0, deviation=0.1, injections=both)
-    fleet = draw_fleet(2, plan)
+    plan = FleetPlan(recordings=90, effects=7, bias=0.0, deviation=0.02, injections=both)
+    fleet = draw_fleet(3, plan)
     found = Selection(fleet).select()
     effect = fleet.columns.effects.index(key)
     trends = [c.level for c in found.claimed if c.effect == effect and is_trend(c.level)]
