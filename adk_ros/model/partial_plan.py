@@ -48,7 +48,7 @@ def partial_horizon(
         # Row h of a held horizon depends on h unknown commands.
         k = shrinkage[1 : len(out) - n + 1, c]
         out[n:, c] = planned[n - 1, c] + k * (planned[n:, c] - planned[n - 1, c])
-    return out
+    return np.asarray(out)
 
 
 def partial_covariance(planned: FloatArray, held: FloatArray, known: int) -> FloatArray:

@@ -203,8 +203,9 @@ def start_of_horizon(state: FloatArray, rows: IntArray) -> FloatArray:
     While coasting it is `state`, which naive predictors have a part in.
     """
     memory = memory_arrays(rows)
-    scaling, base = memory.scaling, state.copy()
+    scaling, base = memory.scaling, np.empty(3)
     if memory.fallback.coasted[0] > 0:
+        base[:] = state
         return base
     for c in range(3):
         x = min(max(memory.tick.x_past[0, c], -MAX_SCALED_STATE), MAX_SCALED_STATE)

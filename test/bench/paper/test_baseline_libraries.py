@@ -305,7 +305,7 @@ def test_one_long_stretch_does_not_decide_how_short_ones_are_validated() -> None
     assert (len(episodes), max(len(x) for x, _ in episodes)) == (303, 809)
     fitted, validation = worker["split"](episodes)
     numbers = [np.concatenate([x[:, 0] for x, _ in part]) for part in (fitted, validation)]
-    assert not np.intersect1d(*numbers).size
+    assert not np.intersect1d(numbers[0], numbers[1]).size
     assert 0.15 < len(numbers[1]) / len(rows) < 0.25
     # The last fifths have 194.
     assert worker["known_starts"](validation)[0] == 3850
