@@ -379,8 +379,12 @@ class Predictor:
         The jump of a new level is then no increment, which would be taken for a disturbance.
         """
         if self._predicted is not None:
+            # The past states are the model's, also those that it predicted while coasting.
+            expected = self._predicted
+            if self._predicted_by_model is not None:
+                expected = self._predicted_by_model
             past = self._tick.x_past
-            past += (state - self._predicted) / self.model.scaling.x_scale
+            past += (state - expected) / self.model.scaling.x_scale
             self._predicted = state
             self._predicted_by_model = None
         # What was predicted before is of the level before.

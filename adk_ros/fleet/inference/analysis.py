@@ -64,8 +64,7 @@ class FleetAnalysis:
     Estimate and result of a fleet.
 
     `failed`: recordings without evidence -> reason. `outdated`: recordings that take part with
-    the evidence of an earlier estimate, since they failed in a later pass, or since the last one
-    moved the estimate once more -> reason.
+    the evidence of an earlier pass, since they failed in a later one -> reason.
     """
 
     estimate: FleetEstimate
@@ -99,9 +98,9 @@ def analyse_fleet(
         estimate = fleet.estimated(turn, fleet.linearised_at(further, turn))
         if turn == _EARLY_PASSES:
             estimate = fleet.widened(estimate)
-    outdated = {**fleet.unsettled(estimate), **fleet.linearised.outdated}
-    result = fleet_result(estimate, fleet.loss_ratios, progress, outdated)
-    return FleetAnalysis(estimate, result, fleet.linearised.failed, outdated)
+    result = fleet_result(estimate, fleet.loss_ratios, progress, fleet.linearised.outdated)
+    result = replace(result, unsettled=len(fleet.unsettled(estimate)))
+    return FleetAnalysis(estimate, result, fleet.linearised.failed, fleet.linearised.outdated)
 
 
 class _Passes:
@@ -179,11 +178,11 @@ class _Passes:
         cells = _moved_cells(self._places, estimate.places)
         return turn > _EARLY_PASSES and not (self._late or cells or moved)
 
-    def unsettled(self, estimate: FleetEstimate) -> dict[str, str]:
-        """Return the recordings that are not linearised at the last estimate -> reason."""
+    def unsettled(self, estimate: FleetEstimate) -> set[str]:
+        """Return the recordings that the last estimate would linearise once more."""
         moved = self.linearised.moved_to(estimate, self._active)
-        moved |= self.linearised.passing(_moved_cells(self._places, estimate.places), self._active)
-        return dict.fromkeys(moved, f"the estimate still moved after {self.passes} passes")
+        cells = _moved_cells(self._places, estimate.places)
+        return moved | self.linearised.passing(cells, self._active)
 
     def _sampled(self, estimate: FleetEstimate) -> frozenset[str]:
         return self._comparisons.sampled(estimate, self.linearised.usable(self._active))

@@ -174,6 +174,8 @@ class FleetResult:
     tests: int
     further_drives: int = 0
     """Further drives of the simulation that show the surrogate's error on roads of the fleet."""
+    unsettled: int = 0
+    """Recordings of which the last pass moved the estimate once more: sizes are preliminary."""
 
     def as_dict(self) -> dict[str, object]:
         """Return plain values, for JSON."""

@@ -132,9 +132,10 @@ def is_usable(level: Level, fleet: FleetEvidence) -> bool:
 
 
 def same_recordings(fleet: FleetEvidence, level: Level, others: list[Level]) -> list[Level]:
-    """Return the levels with the same design as `level`."""
-    z = level.design(fleet)
-    return [other for other in others if other != level and np.allclose(other.design(fleet), z)]
+    """Return the levels with the same design as `level`, but for its other change points."""
+    z, known = level.design(fleet), level.without_onset
+    further = [other for other in others if other.without_onset != known]
+    return [other for other in further if np.allclose(other.design(fleet), z)]
 
 
 def is_trend(level: Level) -> bool:

@@ -141,7 +141,7 @@ def degrees_of_freedom(
         term.effect == terms[m].effect and bool(term.design[counted].any()) for term in terms
     )
     bias = float(estimate.bias[m, m])
-    if _are_one(model, terms[m]):
+    if _are_one(model, terms[m], counted):
         spread = max(full - known, 0.0) ** 2 / max(recordings - of_effect, 1)
     else:
         of_cars = max(cars - of_effect, 1)
@@ -153,8 +153,16 @@ def degrees_of_freedom(
     return max(variance**2 / max(spread, 1e-300), 1.0)
 
 
-def _are_one(model: MixedModel, term: Term) -> bool:
-    """Whether hardly any car has a second recording, in the fleet and where a term acts."""
-    every = model.fleet.cars
-    acting = [car for car, z in zip(every, term.design, strict=True) if z != 0.0]
+def _are_one(model: MixedModel, term: Term, counted: BoolArray) -> bool:
+    """
+    Whether hardly any car has a second recording, in the fleet and where a term acts.
+
+    Of the recordings (r,) that are `counted`: those that tau and kappa come from.
+    """
+    every = [car for car, c in zip(model.fleet.cars, counted, strict=True) if c]
+    acting = [
+        car
+        for car, z, c in zip(model.fleet.cars, term.design, counted, strict=True)
+        if c and z != 0.0
+    ]
     return all(len(c) - len(set(c)) <= _FEW_REPEATED * len(c) for c in (every, acting))

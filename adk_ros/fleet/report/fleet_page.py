@@ -90,6 +90,7 @@ def write_fleet_page(
         outdated=[[r.name, r.note] for r in result.recordings if r.note],
         tests=result.tests,
         further_drives=result.further_drives,
+        unsettled=result.unsettled,
         recordings=len(result.recordings),
         cars=len(result.cars),
     )

@@ -238,7 +238,7 @@ def weighted_naive(
     start, passed = fallback.start, fallback.coasted[0]
     of_imu = np.empty((out.shape[0], 3))
     integrate_imu(start, of_imu)
-    knows_imu = np.isfinite(start[2, 0] + start[2, 1])
+    knows_imu = np.isfinite(start[2, 0] + start[2, 1] + start[3, 0] + start[3, 1])
     weights = fallback.trained if as_trained or not knows_imu else fallback.weights
     last = weights.shape[2] - 1
     for i in range(out.shape[0]):

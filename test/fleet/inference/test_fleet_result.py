@@ -7,6 +7,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from adk_ros.fleet.inference.evidence import column_of
@@ -15,7 +16,16 @@ from adk_ros.fleet.inference.fleet_evidence import FleetEvidence
 from adk_ros.fleet.inference.fleet_model import Candidate, FleetModel
 from adk_ros.fleet.inference.fleet_result import fleet_result
 from adk_ros.fleet.inference.fleet_selection import Selection
-from adk_ros.fleet.inference.levels import CAR, CONDITION, RAMP, SHARED, Level
+from adk_ros.fleet.inference.levels import (
+    CAR,
+    CONDITION,
+    RAMP,
+    SHARED,
+    STEP,
+    Level,
+    same_recordings,
+    usable_levels,
+)
 from adk_ros.fleet.inference.numerical_fleet import FleetPlan, Injection, draw_fleet
 from adk_ros.fleet.report.fleet_figures import matrix_figure, trend_figure
 
@@ -121,3 +131,13 @@ def test_of_levels_with_the_same_recordings_one_is_examined() -> None:
         estimate_of(fleet, FleetModel((claimed(fleet, fault.level),), {}))
     ).claims
     assert f"aero_drag ({driver.text})" in claim.ties
+
+
+def test_another_change_point_is_no_tie() -> None:
+    """Between two days of recordings, a step may begin at any time."""
+    fleet = draw_fleet(3, FleetPlan(cars=3, recordings=30, effects=2, bias=0.0, deviation=0.3))
+    fleet = replace(fleet, days=np.arange(30) % 7.0)
+    levels = [level for level in usable_levels(fleet) if level.kind == STEP and not level.car]
+    assert len({level.design(fleet).tobytes() for level in levels}) < len(levels)
+    for level in levels:
+        assert not any(other.kind == STEP for other in same_recordings(fleet, level, levels))

@@ -54,6 +54,22 @@ def test_cars_that_the_components_leave_out_are_no_degrees_of_freedom() -> None:
     assert some == pytest.approx(every * 3.0 / 7.0, rel=0.2)
 
 
+def test_further_recordings_of_a_car_that_is_left_out_repeat_none() -> None:
+    """Each sound car has one recording; all of these are degrees of freedom, not one."""
+    fleet = draw_fleet(1, FleetPlan(cars=13, recordings=130, effects=2, bias=0.0, deviation=0.1))
+    faulty = [i for i, car in enumerate(fleet.cars) if car == "car01"]
+    sound = {car: i for i, car in enumerate(fleet.cars) if car != "car01"}
+    fleet = fleet.kept(sorted([*faulty, *sound.values()]))
+    wind = fleet.columns.effects.index("headwind.wind_x")
+    term = Candidate(wind, Level(SHARED), Level(SHARED).design(fleet)).term
+    sample = np.array([car != "car01" for car in fleet.cars])
+    alone = fleet.kept([int(i) for i in np.flatnonzero(sample)])
+    of_some = degrees_of_freedom(MixedModel(fleet, (wind,)), [term], COMPONENTS, 0, sample)
+    shared = Candidate(wind, Level(SHARED), Level(SHARED).design(alone)).term
+    by_themselves = degrees_of_freedom(MixedModel(alone, (wind,)), [shared], COMPONENTS, 0)
+    assert of_some == pytest.approx(by_themselves, rel=0.25)
+
+
 def test_what_the_surrogate_feigns_on_other_roads_is_no_effect_of_all_cars() -> None:
     """Twice that error is no evidence, however many recordings say it; of one car it is."""
     key = "aero_downforce.cla"

@@ -111,6 +111,12 @@ def test_the_page_says_whether_the_error_on_other_roads_is_known(tmp_path: Path)
         assert ("--further-simulation" in text) == (found.further_drives == 0)
 
 
+def test_the_page_says_what_the_last_pass_left(tmp_path: Path) -> None:
+    for unsettled in (0, 2):
+        text = write_fleet_page(replace(result(), unsettled=unsettled), tmp_path).read_text()
+        assert ("of 2 recordings once more: sizes are preliminary" in text) == (unsettled == 2)
+
+
 def test_models_of_claims_that_are_no_longer_made_are_removed(tmp_path: Path) -> None:
     (tmp_path / "simulation.yaml").touch()
     models = corrected_models(result(), surrogate())
