@@ -281,7 +281,9 @@ class Candidates:
 
         Enough is a share of what is unexplained, and one of what was unexplained before any
         claim, of which every equation leaves a part; together in the half of the recordings of
-        which that is least. What acts in all recordings must also save `MIN_SHARED_GAIN`.
+        which that is least. What acts in all recordings must also save `MIN_SHARED_GAIN`, and so
+        must what acts in a car of which a similar effect is claimed: an inexact equation leaves
+        the same in all recordings in which it acts.
 
         `excess` (r,): of `remaining_excess` of the model, if it is known.
         """
@@ -294,7 +296,7 @@ class Candidates:
         similar = [
             claim
             for claim in model.claimed
-            if claim.level.kind == candidate.level.kind == SHARED
+            if _are_of_same_cars(claim.level, candidate.level)
             and share_equation(self.fleet, claim, candidate)
         ]
         if not similar:
@@ -320,6 +322,11 @@ class Candidates:
         low, high = columns.column(columns.effects[found.candidate.effect]).bounds
         slack = BOUND_DEVIATIONS * found.deviation
         return found.extremes[0] >= low - slack and found.extremes[1] <= high + slack
+
+
+def _are_of_same_cars(a: Level, b: Level) -> bool:
+    """Whether two levels are those of all recordings, or of one car."""
+    return a.car == b.car if a.car else a.kind == b.kind == SHARED
 
 
 def of_effects(

@@ -25,8 +25,9 @@ MIN_SHARED_GAIN = 2.6e-3
 """
 Least gain of what acts in all recordings, as a share of what other claims of all recordings
 explain in its equations: what an inexact equation of all cars leaves is the same in all of them,
-and no chance. On development fleets: second effects that are there save 0.0068 to 0.038 (seeds 41
-and 82), absent ones next to a payload at most 0.001; the geometric mean (doc/fleet-inference.md).
+and no chance. Likewise of what acts in one car, next to other claims of it. On development fleets:
+second effects that are there save 0.0068 to 0.038 (seeds 41 and 82), absent ones next to a payload
+at most 0.001; the geometric mean (doc/fleet-inference.md).
 """
 WINDS = frozenset({"headwind", "crosswind"})
 """

@@ -179,6 +179,25 @@ def test_what_the_shape_of_a_trend_leaves_is_no_second_one() -> None:
     assert [level.car for level in trends] == ["car02"]
 
 
+def test_next_to_a_large_fault_of_a_car_a_small_one_is_what_it_leaves() -> None:
+    """An equation that is not exact leaves the same in all recordings of the car."""
+    fault, remnant = "front_tyre_stiffness.scale", "rear_tyre_stiffness.scale"
+    level = Level(CAR, car="car02")
+    for size, is_enough in ((40.0, False), (5.0, True)):
+        both = (Injection(fault, level, size), Injection(remnant, level, 1.5))
+        plan = FleetPlan(recordings=60, effects=9, bias=0.0, deviation=0.02, injections=both)
+        fleet = draw_fleet(3, plan)
+        selection = Selection(fleet)
+        first, second = (
+            Candidate(fleet.columns.effects.index(key), level, level.design(fleet))
+            for key in (fault, remnant)
+        )
+        model = selection.refitted(FleetModel((first,), {}))
+        found = selection.assess(model, second)
+        assert selection.is_claimable(found)
+        assert selection.explains(model, found) == is_enough
+
+
 def test_a_change_point_must_be_worth_its_parameter() -> None:
     """Friction above that of the road stands for something else, in all recordings of its car."""
     friction = Injection("low_friction.mu_scale", Level(CAR, car="car02"), 1.5)
