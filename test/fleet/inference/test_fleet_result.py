@@ -136,7 +136,7 @@ def test_of_levels_with_the_same_recordings_one_is_examined() -> None:
 def test_another_change_point_is_no_tie() -> None:
     """Between two days of recordings, a step may begin at any time."""
     fleet = draw_fleet(3, FleetPlan(cars=3, recordings=30, effects=2, bias=0.0, deviation=0.3))
-    fleet = replace(fleet, days=np.arange(30) % 7.0)
+    fleet = replace(fleet, days=np.array([float(i % 7) for i in range(30)]))
     levels = [level for level in usable_levels(fleet) if level.kind == STEP and not level.car]
     assert len({level.design(fleet).tobytes() for level in levels}) < len(levels)
     for level in levels:
