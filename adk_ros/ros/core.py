@@ -23,7 +23,7 @@ from adk_ros.model.pipeline import Pipeline, PipelineSettings
 from adk_ros.model.prediction import Prediction
 from adk_ros.model.rollout_requests import RefusedRequest, RolloutRequests
 from adk_ros.ros.counters import Counters
-from adk_ros.signals.channels import TICK_NS, Reading, Source
+from adk_ros.signals.channels import TICK_NS, Flag, Reading, Source
 from adk_ros.signals.command_plan import CommandPlan
 from adk_ros.signals.decode import SensorConfig
 from adk_ros.signals.extrinsics import frame_of
@@ -265,3 +265,8 @@ def warm_up(model: KoopmanModel, settings: PipelineSettings) -> None:
         with suppress(RefusedRequest):
             RolloutRequests(pipeline).answer((1, 1, 2), np.zeros(2))
     pipeline.predictor.online.condition_number()
+    # Later, odometry may be lost: what predictions go on with is compiled as well.
+    if pipeline.last_sample is not None:
+        lost = pipeline.last_sample
+        stamp_ns, flags = lost.stamp_ns + TICK_NS, lost.flags | int(Flag.COASTING)
+        pipeline.predictor.step(lost._replace(stamp_ns=stamp_ns, flags=flags))
