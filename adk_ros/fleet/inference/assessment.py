@@ -40,8 +40,13 @@ class Assessment:
     @property
     def interval(self) -> tuple[float, float]:
         """The 90 % confidence interval of the size."""
-        half = float(-stdtrit(self.freedom, 0.05)) * self.deviation
+        half = half_width(self.freedom, self.deviation)
         return self.size - half, self.size + half
+
+
+def half_width(freedom: float, deviation: float) -> float:
+    """Return half of the 90 % confidence interval of a size, by Student's t."""
+    return float(-stdtrit(freedom, 0.05)) * deviation
 
 
 def assessment_of(

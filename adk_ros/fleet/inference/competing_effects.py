@@ -188,8 +188,8 @@ class Sample:
         """
         Return the least loss of all recordings, above that of a perfect model.
 
-        By the dispersion of the sample: at a worse effect residuals are more alike, and a loss
-        over their own dispersion would look smaller.
+        By the dispersion of the sample: at a worse effect residuals are more correlated, and a
+        loss over their own dispersion would look smaller.
         """
         dispersions = dict(zip(self.names, self.dispersions.tolist(), strict=True))
         return remaining_loss(estimate, {name: rows[name] for name in self.names}, dispersions)

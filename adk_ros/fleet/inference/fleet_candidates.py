@@ -110,10 +110,7 @@ class Candidates:
 
         A second trend of an effect in the same cars is what the shape of the first leaves.
         """
-        return is_trend(level) and any(
-            is_trend(c.level) and (c.effect, c.level.car) == (effect, level.car)
-            for c in model.claimed
-        )
+        return any(is_repeated_by(claim, effect, level) for claim in model.claimed)
 
     def dependents(self, model: FleetModel, claim: Candidate) -> tuple[Candidate, ...]:
         """Return the claims of a model that are allowed only next to one of them."""
@@ -220,21 +217,20 @@ class Candidates:
             if not which.any():
                 continue
             gains = np.where(which, self.gains(model, effect), -1.0)
-            repeated = {
-                level
-                for level in self._without_onset
-                if not with_repeats and self.repeats(model, effect, level)
-            }
-            left_out = {*refused, *((effect, level) for level in repeated)}
             out += [
                 (float(gains[i]), Candidate(effect, self.levels[i], self.designs[i]))
-                for i in self._largest(model, effect, gains, left_out)
+                for i in self._largest(model, effect, gains, refused, with_repeats)
                 if which[i]
             ]
         return sorted(out, key=lambda pair: -pair[0])
 
     def _largest(
-        self, model: FleetModel, effect: int, gains: FloatArray, refused: Collection[Identity]
+        self,
+        model: FleetModel,
+        effect: int,
+        gains: FloatArray,
+        refused: Collection[Identity],
+        with_repeats: bool,
     ) -> list[int]:
         """
         Return the allowed levels of the largest gains (levels,), and the largest of each question.
@@ -245,7 +241,9 @@ class Candidates:
         for i in np.argsort(-gains):
             level = self._without_onset[i]
             known = effect, level
-            if level not in found and known not in refused and self.is_allowed(model, known):
+            if level in found or known in refused or not self.is_allowed(model, known):
+                continue
+            if with_repeats or not self.repeats(model, effect, level):
                 found[level] = int(i)
         questions = {question_of(level): i for level, i in reversed(found.items())}
         largest = list(found.values())[:_LEVELS_PER_PARAMETER]
@@ -344,6 +342,12 @@ def of_effects(
             effects.add(candidate.effect)
             out.append(candidate)
     return out
+
+
+def is_repeated_by(claim: Candidate, effect: int, level: Level) -> bool:
+    """Whether a level is a change in time of the effect and the cars of a claimed one."""
+    both = is_trend(level) and is_trend(claim.level)
+    return both and (claim.effect, claim.level.car) == (effect, level.car)
 
 
 def identity(candidate: Candidate) -> Identity:

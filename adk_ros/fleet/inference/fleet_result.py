@@ -9,9 +9,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 
 import numpy as np
-from scipy.special import stdtrit
 
-from adk_ros.fleet.inference.assessment import Assessment
+from adk_ros.fleet.inference.assessment import Assessment, half_width
 from adk_ros.fleet.inference.evidence import Column, Columns, column_of
 from adk_ros.fleet.inference.fleet_estimate import FleetEstimate
 from adk_ros.fleet.inference.fleet_model import Candidate, joint_vectors
@@ -379,7 +378,7 @@ def _vehicles(estimate: FleetEstimate) -> list[VehicleEffect]:
                 (t.freedom for t, x in zip(estimate.claims, share, strict=True) if x != 0.0),
                 default=math.inf,
             )
-            half = float(-stdtrit(freedom, 0.05)) * float(np.sqrt(variance))
+            half = half_width(freedom, float(np.sqrt(variance)))
             out.append(
                 VehicleEffect(
                     car,

@@ -28,7 +28,12 @@ from scipy.optimize import minimize_scalar
 from scipy.special import ndtri
 
 from adk_ros.fleet.inference.assessment import Assessment, extended
-from adk_ros.fleet.inference.fleet_candidates import Candidates, Identity, identity
+from adk_ros.fleet.inference.fleet_candidates import (
+    Candidates,
+    Identity,
+    identity,
+    is_repeated_by,
+)
 from adk_ros.fleet.inference.fleet_model import (
     Candidate,
     FleetModel,
@@ -272,9 +277,7 @@ class Selection(Candidates):
         be claimed a second time, or of any before the selection ends (`best`: None).
         """
         for claim in model.claimed:
-            is_due = best is None or self.repeats(
-                replace(model, claimed=(claim,)), *identity(best.candidate)
-            )
+            is_due = best is None or is_repeated_by(claim, *identity(best.candidate))
             if not (is_due and is_trend(claim.level)):
                 continue
             rest = self.without(model, claim)
