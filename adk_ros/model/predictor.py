@@ -316,13 +316,11 @@ class Predictor:
         predicted, innovation = _NO_PREDICTION, _NO_PREDICTION
         learns = False
         if self._predicted is not None:
-            predicted = self._predicted
+            # The observer corrects the model, whoever predicts, and the model goes on alone.
+            by_model = self._predicted_by_model
+            predicted = self._predicted if by_model is None else by_model
             if measured:
-                innovation = state - predicted
-            # The observer corrects the model, whoever predicts, and so does the model go on alone.
-            if self._predicted_by_model is not None:
-                predicted = self._predicted_by_model
-            if measured:
+                innovation = state - self._predicted
                 # Both lifts of the pair, with their past samples, must be of learnable samples.
                 enough = self._consecutive_valid_samples >= self.model.history + 2
                 learns = enough and not warming_up
@@ -333,11 +331,11 @@ class Predictor:
             else:
                 coast(sample.a, self._memory.fallback)
         # A repeated odometry reading says less than the prediction for this tick, for a while.
-        stale = not measured or 0 < self._stale_ticks <= self.max_coast_steps
+        corrects = measured and not 0 < self._stale_ticks <= self.max_coast_steps
         flags = self._tick_flags
         flags |= (0 if self._uncertain_ticks else IS_TRUSTED) | (IS_USABLE if usable else 0)
         flags |= (LEARNS if learns else 0) | (IS_WARMING_UP if warming_up else 0)
-        gains = self._prediction_only_gains if stale else self._gains
+        gains = self._gains if corrects else self._prediction_only_gains
         given = TickInput(state, predicted, innovation, *sample.u, gains, flags)
         # A horizon to compare with what follows is complete, whatever is asked for.
         due = self._published.is_due(self._uncertain_ticks)
@@ -380,9 +378,8 @@ class Predictor:
         """
         if self._predicted is not None:
             # The past states are the model's, also those that it predicted while coasting.
-            expected = self._predicted
-            if self._predicted_by_model is not None:
-                expected = self._predicted_by_model
+            by_model = self._predicted_by_model
+            expected = self._predicted if by_model is None else by_model
             past = self._tick.x_past
             past += (state - expected) / self.model.scaling.x_scale
             self._predicted = state

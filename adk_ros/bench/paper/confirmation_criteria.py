@@ -145,7 +145,9 @@ def _ahead(board: ScoreTable, family: str, without: str) -> Criterion:
 def _coverage(board: ScoreTable, name: str, kind: str) -> Criterion:
     found: dict[Combination, float] = {}
     for variant in board.variants():
-        scores = [x for test in board.tests() for x in _intervals(board, variant, test, kind)]
+        scores = [
+            x for test in board.tests() for x in _intervals(board, variant, test, ADK_ROS, kind)
+        ]
         if not scores:
             return coverage_criterion(name, {}, "")
         for (i, c), share in np.ndenumerate(pooled_intervals_coverage(scores)):
@@ -159,7 +161,7 @@ def _coverage_by_test(board: ScoreTable, name: str, kind: str, stride: int) -> C
     overlapping = np.maximum(np.array(HORIZON_STEPS) / stride, 1.0)
     for variant in board.variants():
         for test in board.tests():
-            scores = _intervals(board, variant, test, kind)
+            scores = _intervals(board, variant, test, ADK_ROS, kind)
             if not scores:
                 continue
             # All trainings predict the same drive with the same noise, which adds none.
@@ -171,9 +173,11 @@ def _coverage_by_test(board: ScoreTable, name: str, kind: str, stride: int) -> C
     return coverage_by_test_criterion(name, found)
 
 
-def _intervals(board: ScoreTable, variant: str, test: str, kind: str) -> list[IntervalScore]:
-    """Return the interval scores of adk_ros, of all seeds that have them."""
-    items = board.scores.get((variant, test, ADK_ROS), [])
+def _intervals(
+    board: ScoreTable, variant: str, test: str, who: str, kind: str
+) -> list[IntervalScore]:
+    """Return the interval scores of a predictor, of all seeds that have them."""
+    items = board.scores.get((variant, test, who), [])
     return [score for item in items if (score := getattr(item, kind)) is not None]
 
 
@@ -184,10 +188,7 @@ def _compared(board: ScoreTable, kind: str) -> list[ComparedIntervals]:
         for test in board.tests():
             items = [getattr(x, kind) for x in board.scores.get((variant, test, ADK_ROS), [])]
             naive = [
-                item.intervals
-                for who in NAIVE
-                for item in board.scores.get((variant, test, who), [])
-                if item.intervals is not None
+                x for who in NAIVE for x in _intervals(board, variant, test, who, "intervals")
             ]
             if naive and items and all(x is not None for x in items):
                 tests.append(compared_intervals(items, naive))

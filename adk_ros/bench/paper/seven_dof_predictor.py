@@ -77,11 +77,11 @@ class SevenDof:
 
         def predict(_: IntArray, starts: IntArray, steps: int) -> FloatArray:
             out = np.empty((starts.shape[0], steps, 3))
-            for chosen in np.array_split(np.arange(starts.size), -(-starts.size // _BATCH)):
-                part = starts[chosen]
-                commands = record.u[part[:, None] + np.arange(steps)]
-                out[chosen] = rollout(
-                    constants, record.x[part], commands, actuators=reached[part], mu=self.mu
+            for first in range(0, starts.size, _BATCH):
+                begin = starts[first : first + _BATCH]
+                commands = record.u[begin[:, None] + np.arange(steps)]
+                out[first : first + _BATCH] = rollout(
+                    constants, record.x[begin], commands, actuators=reached[begin], mu=self.mu
                 )
             return out
 
