@@ -21,6 +21,11 @@ FOLDERS = {"tables": (".md", ".csv"), "figures": (".png",)}
 MAX_BYTES = 6_000_000
 COLOURS = 64
 """Palette size of a figure: lines and letters need no more."""
+RENAMED_CRITERIA = {
+    "no-cell-above-1": "no-combination-above-1",
+    "coverage-by-cell": "coverage-by-combination",
+}
+"""Names in reports that `adk bench paper` has written before, and the present ones."""
 
 
 def paper_summary(folder: Path = PAPER) -> str:
@@ -39,7 +44,8 @@ def paper_summary(folder: Path = PAPER) -> str:
         "",
     ]
     for line in (folder / "bars.txt").read_text().splitlines():
-        verdict, name, figure = line.split(" ", 2)
+        verdict, stored, figure = line.split(" ", 2)
+        name = RENAMED_CRITERIA.get(stored, stored)
         lines.append(f"- **{verdict}** `{name}`: {brief(figure)}")
     lines += [
         "",

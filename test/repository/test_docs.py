@@ -300,6 +300,18 @@ def test_report_is_copied_and_summarised(run: Path, tmp_path: Path) -> None:
     assert results_page(paper) == without_report
 
 
+def test_criteria_of_an_earlier_report_have_their_present_names(run: Path) -> None:
+    now = paper_report.paper_summary(run)
+    assert "`no-combination-above-1`" in now
+    assert "`coverage-by-combination`" in now
+    criteria = (run / "bars.txt").read_text()
+    for before, name in paper_report.RENAMED_CRITERIA.items():
+        assert f" {name} " in criteria
+        criteria = criteria.replace(f" {name} ", f" {before} ")
+    (run / "bars.txt").write_text(criteria)
+    assert paper_report.paper_summary(run) == now
+
+
 def test_incomplete_or_large_report_changes_nothing(
     run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

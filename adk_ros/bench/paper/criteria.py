@@ -103,7 +103,7 @@ def _none_above(board: ScoreTable) -> Criterion:
         shown = {c: oracle_notes.marked(_spread(ratios[c]), c, at_oracle) for c in within}
         figure += "; above 1 in the mean but not for all seeds: "
         figure += combinations_text(within, shown)
-    return Criterion.judged(not lost, "no-cell-above-1", figure)
+    return Criterion.judged(not lost, "no-combination-above-1", figure)
 
 
 def _spread(ratio: FloatArray) -> str:
@@ -174,7 +174,7 @@ def _coverage(board: ScoreTable) -> list[Criterion]:
         detail += f"; outside: {_percent(lost)}"
     return [
         Criterion.judged(not outside, "coverage", figure),
-        Criterion(INFO, "coverage-by-cell", detail),
+        Criterion(INFO, "coverage-by-combination", detail),
     ]
 
 

@@ -53,7 +53,7 @@ def explain_failures(
     """Return a paragraph for each failed criterion, by name; none for what was not measured."""
     makers: dict[str, Callable[[], list[str]]] = {
         "geometric-mean": lambda: _mean(board),
-        "no-cell-above-1": lambda: _lost(board),
+        "no-combination-above-1": lambda: _lost(board),
         "ahead-of-pykoop": lambda: _behind(board, PYKOOP),
         "ahead-of-pykoopman": lambda: _behind(board, PYKOOPMAN),
         "ahead-of-tuned-7dof": lambda: _behind(board, MF_TUNED),

@@ -229,7 +229,7 @@ def _row(item: CaseScore, combo: Combination) -> list[str]:
 def combinations_text(
     combos: list[Combination], values: dict[Combination, str] | None = None
 ) -> str:
-    """Cells in words, those of a test together: `noisy winter (v_x 1 step; v_y 2 s)`."""
+    """Combinations in words, those of a test together: `noisy winter (v_x 1 step; v_y 2 s)`."""
     grouped: dict[tuple[str, str], list[str]] = {}
     for combo in sorted(combos, key=lambda c: (c.variant == NOISY, c.test, c.channel, c.horizon)):
         text = f"{CHANNELS[combo.channel]} {HORIZONS[combo.horizon]}"

@@ -32,16 +32,16 @@ def bars(
 
 def changed(
     board: ScoreTable, test: str, name: str, variant: str = CLEAN, seed: int | None = None,
-    cell: tuple[int, int] = (0, 0), rmse: float = 2.0, covered: int | None = None,
+    at: tuple[int, int] = (0, 0), rmse: float = 2.0, covered: int | None = None,
 ) -> ScoreTable:  # fmt: skip
-    """Return the scores with one combination of a predictor altered, in one seed or in all."""
+    """Return the scores with one (horizon, channel) of a predictor altered, in a seed or all."""
     items = board.scores[variant, test, name]
     for i, item in enumerate(items):
         if seed in (None, i):
             table, inside = item.rmse.copy(), item.covered.copy()
-            table[cell] = rmse
+            table[at] = rmse
             if covered is not None:
-                inside[cell] = covered
+                inside[at] = covered
             items[i] = replace(item, rmse=table, covered=inside)
     return board
 
@@ -52,11 +52,12 @@ def test_good_scores_pass() -> None:
     assert found["geometric-mean"].figure.startswith(
         "0.100 of the best naive predictor's RMSE over 300 combinations, at most 0.25"
     )
-    assert found["no-cell-above-1"].figure == "0 of 300 combinations exceed 1.0 in all seeds"
-    for name in ("no-cell-above-1", "ahead-of-pykoop", "ahead-of-pykoopman", "coverage"):
+    above = found["no-combination-above-1"]
+    assert above.figure == "0 of 300 combinations exceed 1.0 in all seeds"
+    for name in ("no-combination-above-1", "ahead-of-pykoop", "ahead-of-pykoopman", "coverage"):
         assert found[name].verdict == PASS, name
     assert found["ahead-of-tuned-7dof"].figure == "100.0 % of 300 combinations, at least 90 %"
-    assert found["coverage-by-cell"].verdict == INFO
+    assert found["coverage-by-combination"].verdict == INFO
     assert str(found["av21"]) == "FAIL av21 not measured: give --recordings DIR"
     assert found["papers-effect"].verdict == FAIL
 
@@ -76,11 +77,11 @@ def test_the_mean_is_geometric_and_over_all_combinations() -> None:
 
 
 def test_a_combination_is_lost_if_all_seeds_are_above() -> None:
-    board = changed(good_board(), "winter", ADK_ROS, NOISY, seed=1, cell=(2, 1), rmse=9.0)
-    found = bars(board)["no-cell-above-1"]
+    board = changed(good_board(), "winter", ADK_ROS, NOISY, seed=1, at=(2, 1), rmse=9.0)
+    found = bars(board)["no-combination-above-1"]
     assert found.verdict == PASS
     assert "not for all seeds: noisy winter (v_y 0.5 s 3.07 (0.09 to 9.00))" in found.figure
-    found = bars(changed(board, "gusts", ADK_ROS, cell=(4, 0), rmse=1.5))["no-cell-above-1"]
+    found = bars(changed(board, "gusts", ADK_ROS, at=(4, 0), rmse=1.5))["no-combination-above-1"]
     assert found.verdict == FAIL
     assert found.figure.startswith(
         "1 of 300 combinations exceed 1.0 in all seeds: clean gusts (v_x 2 s 1.5"
@@ -90,14 +91,14 @@ def test_a_combination_is_lost_if_all_seeds_are_above() -> None:
 def test_nine_of_ten_combinations_suffice_and_the_others_are_named() -> None:
     board = good_board()
     for test in TESTS:
-        board = changed(board, test, PYKOOP, cell=(0, 0), rmse=0.05)
+        board = changed(board, test, PYKOOP, at=(0, 0), rmse=0.05)
     found = bars(board)["ahead-of-pykoop"]
     assert found.verdict == PASS
     assert found.figure.startswith("96.7 % of 300 combinations")
     assert "behind in 10: clean gusts (v_x 1 step 2.00)" in found.figure
     for test in TESTS:
-        for cell in ((1, 0), (2, 0), (3, 0), (4, 0), (0, 1), (1, 1)):
-            board = changed(board, test, PYKOOP, cell=cell, rmse=0.05)
+        for at in ((1, 0), (2, 0), (3, 0), (4, 0), (0, 1), (1, 1)):
+            board = changed(board, test, PYKOOP, at=at, rmse=0.05)
     found = bars(board)["ahead-of-pykoop"]
     assert found.verdict == FAIL
     assert found.figure.startswith("76.7 % of 300 combinations")
@@ -120,8 +121,8 @@ def test_missing_libraries_are_explained() -> None:
 def test_coverage_must_be_within_both_bounds() -> None:
     board = good_board()
     for test in TESTS:
-        changed(board, test, ADK_ROS, NOISY, cell=(3, 2), rmse=0.1, covered=840)
-        changed(board, test, ADK_ROS, CLEAN, cell=(0, 0), rmse=0.1, covered=960)
+        changed(board, test, ADK_ROS, NOISY, at=(3, 2), rmse=0.1, covered=840)
+        changed(board, test, ADK_ROS, CLEAN, at=(0, 0), rmse=0.1, covered=960)
     found = bars(board)["coverage"]
     assert found.verdict == FAIL
     assert "cover 84.0 to 96.0 %" in found.figure
@@ -132,11 +133,11 @@ def test_coverage_must_be_within_both_bounds() -> None:
 
 
 def test_coverage_by_test_is_informative_only() -> None:
-    board = changed(good_board(), "winter", ADK_ROS, CLEAN, cell=(0, 0), rmse=0.1, covered=500)
+    board = changed(good_board(), "winter", ADK_ROS, CLEAN, at=(0, 0), rmse=0.1, covered=500)
     found = bars(board)
     assert found["coverage"].verdict == PASS
     assert "299 of 300 combinations within; outside: clean winter (v_x 1 step 50.0 %)" in (
-        found["coverage-by-cell"].figure
+        found["coverage-by-combination"].figure
     )
 
 
@@ -170,7 +171,7 @@ def test_papers_effect_with_the_papers_figures() -> None:
     assert found.verdict == PASS
     assert "21 of 21 entries" in found.figure
     board = papers_board()
-    changed(board, "mountain", SWLS, cell=(0, 2), rmse=0.04 * np.pi / 180.0)
+    changed(board, "mountain", SWLS, at=(0, 2), rmse=0.04 * np.pi / 180.0)
     found = bars(_with_ours(board))["papers-effect"]
     assert found.verdict == FAIL
     assert found.figure.endswith(

@@ -114,12 +114,13 @@ def test_at_the_oracle_within_three_percent(floor: float, expected: bool) -> Non
 def test_criteria_mark_combinations_at_the_oracle_and_count_them() -> None:
     board = with_oracle(board_of(NAIVES | {ADK_ROS: 1.005, MF_TUNED: 0.9}, ["winter"]), 1.0)
     found = {bar.name: bar for bar in evaluate_paper_criteria(board, None)}
-    assert found["no-cell-above-1"].verdict == FAIL
-    assert found["no-cell-above-1"].figure.startswith(
+    above = found["no-combination-above-1"]
+    assert above.verdict == FAIL
+    assert above.figure.startswith(
         "30 of 30 combinations exceed 1.0 in all seeds (15 of them at the oracle, where the plant "
     )
-    assert "clean winter (v_x 1 step 1.005;" in found["no-cell-above-1"].figure
-    assert "noisy winter (v_x 1 step 1.005 at the oracle;" in found["no-cell-above-1"].figure
+    assert "clean winter (v_x 1 step 1.005;" in above.figure
+    assert "noisy winter (v_x 1 step 1.005 at the oracle;" in above.figure
     figure = found["ahead-of-tuned-7dof"].figure
     assert figure.startswith(
         "0.0 % of 30 combinations, at least 90 %; behind in 30 (15 of them at the"
@@ -128,11 +129,11 @@ def test_criteria_mark_combinations_at_the_oracle_and_count_them() -> None:
 
 
 def test_long_lists_are_cut_from_the_text_of_a_criterion() -> None:
-    cells = ", ".join(f"clean winter (v_x {i} s 2.0)" for i in range(20))
-    assert brief(f"8 of 9 within; outside: {cells}") == "8 of 9 within"
-    assert brief(f"4 of 9 cells; behind in 5: {cells}") == "4 of 9 cells; behind in 5"
-    assert brief(f"5 cells, all above 1.0: {cells}") == "5 cells, all above 1.0"
-    for short in ("not measured: give --recordings DIR", "0.1 of 300 cells"):
+    listed = ", ".join(f"clean winter (v_x {i} s 2.0)" for i in range(20))
+    assert brief(f"8 of 9 within; outside: {listed}") == "8 of 9 within"
+    assert brief(f"4 of 9 pairs; behind in 5: {listed}") == "4 of 9 pairs; behind in 5"
+    assert brief(f"5 pairs, all above 1.0: {listed}") == "5 pairs, all above 1.0"
+    for short in ("not measured: give --recordings DIR", "0.1 of 300 pairs"):
         assert brief(short) == short
 
 
@@ -167,7 +168,7 @@ def test_the_cause_of_a_high_mean_and_of_ratios_above_one_is_explained() -> None
     said = explain_failures(board, None, evaluate_paper_criteria(board, None))
     assert "highest in gusts (0.866)" in said["geometric-mean"]
     assert "started from the same sample) is 0.3 at 1 step" in said["geometric-mean"]
-    above = said["no-cell-above-1"]
+    above = said["no-combination-above-1"]
     assert above.startswith("A naive predictor wins in 15 combinations: clean 15 of 150;")
     assert "On clean tests the oracle is exact" in above
     assert "clean gusts v_x 1 step, ratio 1.50 (adk_ros 5.40, persistence 3.60 km/h)" in above

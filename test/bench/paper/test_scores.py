@@ -113,13 +113,13 @@ def test_ratios_refer_to_the_best_naive_predictor() -> None:
 
 
 def test_combinations_as_text() -> None:
-    cells = [
+    combos = [
         Combination(NOISY, "winter", 4, 1),
         Combination(NOISY, "winter", 0, 0),
         Combination(CLEAN, "gusts", 1, 2),
     ]
     assert (
-        combinations_text(cells)
+        combinations_text(combos)
         == "clean gusts (yaw rate 0.25 s), noisy winter (v_x 1 step; v_y 2 s)"
     )
 
