@@ -16,7 +16,7 @@ from helpers.train import made_record
 
 from adk_ros.bench.paper import cases, confirmation_drives, paper_bench
 from adk_ros.bench.paper.cases import CLEAN, NOISY
-from adk_ros.bench.paper.confirmation_criteria import confirmation_criteria
+from adk_ros.bench.paper.confirmation_criteria import FAMILIES, confirmation_criteria
 from adk_ros.bench.paper.confirmation_drives import CHANGES, write_confirmation_drives
 from adk_ros.bench.paper.confirmation_report import drives_table
 from adk_ros.bench.paper.interval_criteria import coverage_by_test_criterion
@@ -24,6 +24,7 @@ from adk_ros.bench.paper.other_simulators import DESCRIPTIONS, SPRUNG_CAR, Other
 from adk_ros.bench.paper.predictors import (
     ADK_ROS,
     ALDK,
+    DK,
     MF,
     MF_CHOSEN,
     NAIVE,
@@ -367,6 +368,9 @@ def test_the_command_writes_the_drives_and_names_the_code(
     told = json.loads(capsys.readouterr().out)
     assert told["code"] == told["seed"] == CODE
     assert plans[0].seeds == 3
+    # What the command leaves out is no member of a family of baselines.
+    assert "dk" in plans[0].left_out
+    assert all(DK not in members for _, members in FAMILIES.values())
     assert len(plans[0].tests) == 6
     page = (out / "confirmation.md").read_text()
     assert CODE[:16] in page
