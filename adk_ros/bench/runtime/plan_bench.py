@@ -3,9 +3,10 @@
 """
 How right the published horizons are, and their covariances: commands held, and planned.
 
-A planner is played that publishes the commands of the recording every 0.1 s, exactly, with an
-error that lasts from plan to plan, or those of another part of the drive (a plan that nobody
-carries out). The samples are those of `adk replay`.
+A planner is played that publishes the commands of the recording every 0.1 s: exactly and over the
+whole horizon, exactly and over half a second, with an error that lasts from plan to plan, or those
+of another part of the drive (a plan that nobody carries out). The samples are those of
+`adk replay`.
 
 RMSE is that of predicted minus reference states, as everywhere. A covariance is one of measured
 minus predicted state (`Predictor.horizon_covariance`), so its intervals are compared with the
@@ -56,10 +57,12 @@ from adk_ros.signals.score import (
     score,
 )
 
-HELD, EXACT, INEXACT, OTHER = "held", "planned", "inexact plan", "another drive's plan"
-KINDS = (HELD, EXACT, INEXACT, OTHER)
+HELD, EXACT, SHORT = "held", "planned", "short plan"
+INEXACT, OTHER = "inexact plan", "another drive's plan"
+KINDS = (HELD, EXACT, SHORT, INEXACT, OTHER)
 CRITERION_NAMES = {
-    HELD: "held", EXACT: "planned", INEXACT: "inexact-plan", OTHER: "another-drives-plan",
+    HELD: "held", EXACT: "planned", SHORT: "short-plan", INEXACT: "inexact-plan",
+    OTHER: "another-drives-plan",
 }  # fmt: skip
 SEEDS = (1, 2, 3)
 """
@@ -70,6 +73,9 @@ _STEPS = max(HORIZON_STEPS)
 _PLAN_TICKS = 4
 """Ticks between plans: 10 Hz, a usual rate of planners."""
 _PLAN_LENGTH = _STEPS + _PLAN_TICKS + 1
+"""Points of a plan that covers the horizon until the next one comes."""
+_SHORT_PLAN_LENGTH = round(0.5e9) // TICK_NS + 1
+"""Points of a plan that ends 0.5 s after its stamp, a quarter of the horizon; by choice."""
 _TIMEOUT_S = 0.5
 """The node's default."""
 _OFFSET = 0.05
@@ -88,7 +94,7 @@ class HorizonQuality:
     of the 90 % intervals, over all drives; `width` of them and `interval_score` (see
     `signals.interval_scores`), SI, means. `path_coverage` and `path_rmse` of x, y (m) and heading
     (rad), from the exact pose, in the axes of the start. `followed`: share of the starts whose
-    horizon follows the plan throughout.
+    horizon follows the plan as far as the plan reaches.
     """
 
     ratio: list[list[float]]
@@ -131,7 +137,7 @@ class _Made(NamedTuple):
     """
     Horizons and their variances (n, 80, 3), paths and theirs at the scored steps (n, 5, 3).
 
-    `followed`: share of the starts whose horizon follows the plan throughout.
+    `followed`: share of the starts whose horizon follows the plan as far as the plan reaches.
     """
 
     horizons: FloatArray
@@ -240,6 +246,7 @@ def _horizons(model: KoopmanModel, record: Record, rows: IntArray, kind: str) ->
     paths, path_variances = np.full((2, rows.size, len(HORIZON_STEPS), 3), np.nan)
     scored = np.array(HORIZON_STEPS) - 1
     follows, rng = 0, np.random.default_rng(0)
+    plan: CommandPlan | None = None
     for row in range(int(rows[-1]) + 1):
         sample = sample_at(record, row)
         prediction = predictor.step(sample)
@@ -247,7 +254,8 @@ def _horizons(model: KoopmanModel, record: Record, rows: IntArray, kind: str) ->
             planned.interrupt()
             continue
         if kind != HELD and row % _PLAN_TICKS == 0:
-            planned.take(_plan(model, record, row, kind, rng))
+            plan = _plan(model, record, row, kind, rng)
+            planned.take(plan)
         prediction = planned.apply(predictor, prediction, sample)
         i = index.get(row)
         if i is not None:
@@ -256,7 +264,8 @@ def _horizons(model: KoopmanModel, record: Record, rows: IntArray, kind: str) ->
             path = pose_horizon(np.zeros(3), predictor.present_state, horizon)
             spread = pose_covariance(path, horizon, covariance)
             paths[i], path_variances[i] = path[scored], np.einsum("hcc->hc", spread)[scored]
-            follows += max(prediction.planned_steps) == _STEPS
+            if plan is not None:
+                follows += 0 < max(prediction.planned_steps) == _reach(plan, sample.stamp_ns)
     return _Made(horizons, variances, paths, path_variances, follows / rows.size)
 
 
@@ -264,12 +273,18 @@ def _plan(
     model: KoopmanModel, record: Record, row: int, kind: str, rng: np.random.Generator
 ) -> CommandPlan:
     first = (row + len(record) // 2) % (len(record) - _PLAN_LENGTH) if kind == OTHER else row
-    commands = record.u[first : first + _PLAN_LENGTH]
+    length = _SHORT_PLAN_LENGTH if kind == SHORT else _PLAN_LENGTH
+    commands = record.u[first : first + length]
     if kind == INEXACT:
         commands = commands + _OFFSET * rng.normal(size=2) * model.scaling.u_scale
     stamp_ns = int(record.stamp_ns[row])
     times_ns = stamp_ns + TICK_NS * np.arange(len(commands), dtype=np.int64)
     return CommandPlan(stamp_ns, times_ns, commands)
+
+
+def _reach(plan: CommandPlan, stamp_ns: int) -> int:
+    """Return the steps of a horizon from a sample on that a plan covers, its last point's too."""
+    return min(_STEPS, -((stamp_ns - int(plan.times_ns[-1])) // TICK_NS) + 1)
 
 
 def _drive_scores(drive: _Scored, made: _Made) -> _DriveScores:

@@ -15,6 +15,7 @@ from adk_ros.bench.runtime.plan_bench import (
     HELD,
     KINDS,
     OTHER,
+    SHORT,
     measure_plans,
 )
 from adk_ros.cli.main import main
@@ -44,10 +45,9 @@ def noisy_record(n: int, sigma: float) -> Record:
 def test_measures_by_kind_of_plan() -> None:
     result = measure_plans(make_model(), [record(900)])
     assert result["starts"] > 300
-    followed = [result[kind]["followed"] for kind in KINDS]
-    assert followed[0] == 0.0
-    assert followed[1] == 1.0
-    assert followed[KINDS.index(OTHER)] < 0.5
+    assert result[HELD]["followed"] == 0.0
+    assert result[EXACT]["followed"] == result[SHORT]["followed"] == 1.0
+    assert result[OTHER]["followed"] < 0.5
 
     def table(kind: str, name: str) -> FloatArray:
         return np.array(result[kind][name])
@@ -62,6 +62,10 @@ def test_measures_by_kind_of_plan() -> None:
         assert ((inside >= 0.0) & (inside <= 1.0)).all()
     # The next sample knows no plan.
     np.testing.assert_array_equal(table(HELD, "ratio")[0], table(EXACT, "ratio")[0])
+    # A plan of half a second is a whole one up to 0.25 s, and ends before 1 and 2 s.
+    short, exact = table(SHORT, "ratio"), table(EXACT, "ratio")
+    np.testing.assert_array_equal(short[:2], exact[:2])
+    assert (short[3:] != exact[3:]).all()
 
 
 def test_intervals_are_compared_with_the_measurement() -> None:
