@@ -11,7 +11,7 @@ from helpers.model import paper_model
 from helpers.train import record
 
 from adk_ros.bench.paper import online_effect
-from adk_ros.bench.paper.effect_text import effect_tables, effect_text
+from adk_ros.bench.paper.effect_text import OF_PAPER_EPOCHS, effect_tables, effect_text
 from adk_ros.bench.paper.online_effect import (
     A_POSTERIORI,
     INNOVATION,
@@ -23,6 +23,7 @@ from adk_ros.bench.paper.online_effect import (
     rmse,
     study,
 )
+from adk_ros.bench.paper.paper_results import PAPER_EPOCHS
 from adk_ros.bench.paper.predictors import KoopmanPredictor
 from adk_ros.model.adaptation.online_methods import RCOND, OnlineSettings
 from adk_ros.model.koopman import KoopmanModel
@@ -110,12 +111,16 @@ def test_the_run_decides_on_the_epochs() -> None:
 
 
 def test_the_text_says_which_reading_reproduces_the_paper() -> None:
-    def reading(kind: str, share: float) -> Reading:
+    def reading(kind: str, share: float, epochs: int = 6) -> Reading:
         left = np.full(3, 1.0 - share / 100.0)
-        return Reading(6, 50, 1e-10, False, kind, np.ones(3), left, np.ones(3))
+        return Reading(epochs, 50, 1e-10, False, kind, np.ones(3), left, np.ones(3))
 
     assert printed_reduction().tolist() == pytest.approx([95.0, 91.0, 91.0])
     text = effect_text([reading(INNOVATION, 40.0), reading(A_POSTERIORI, 96.0)])
     assert text[1].startswith("As innovations, no reading reproduces it; nearest: 6 epochs")
     assert "As a-posteriori errors, 1 of 1 readings reproduce it: 6 epochs" in text[2]
     assert effect_text([]) == []
+    # The 2000 epochs of the paper: of this run if it has them, else of an earlier one.
+    assert text[3:] == [OF_PAPER_EPOCHS]
+    long = [reading(INNOVATION, 40.0, PAPER_EPOCHS), reading(A_POSTERIORI, 96.0, PAPER_EPOCHS)]
+    assert len(effect_text(long)) == 3
