@@ -4,14 +4,17 @@
 
 from __future__ import annotations
 
+import csv
+import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from adk_ros.bench.control.cars import NOMINAL
 from adk_ros.bench.control.closed_loop import LOST_M, ClosedLoopRun
-from adk_ros.bench.control.control_bench import path_of
+from adk_ros.bench.control.control_bench import ControlPlan, path_of, write_results
 from adk_ros.bench.control.reference_path import LANE_CHANGE, LAP, MANOEUVRES
 from adk_ros.bench.control.scores import (
     ADAPTED,
@@ -103,6 +106,19 @@ def test_one_seed_is_not_judged() -> None:
     # What one seed lacks is not compared.
     more = [scored("+160 kg", FROZEN, 0.5, 7)]
     assert criteria([*of_car("+160 kg", (0.2, 0.12, 0.1)), *more])[0].text == found[1].text
+
+
+def test_results_have_the_violations_of_each_run(tmp_path: Path) -> None:
+    runs = [*of_car(NOMINAL, (0.1, 0.1, 0.1)), scored(NOMINAL, ADAPTED, 1.0, 1)]
+    write_results(runs, ControlPlan(model=Path()), tmp_path / "out")
+    content = json.loads((tmp_path / "out" / "control.json").read_text())
+    with (tmp_path / "out" / "control.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    expected = [run.score.violations for run in runs]
+    assert expected[0] == 0.0
+    assert expected[-1] > 0.0
+    assert [run["violations"] for run in content["runs"]] == expected
+    assert [float(row["violations"]) for row in rows] == expected
 
 
 @pytest.mark.parametrize("name", MANOEUVRES)
