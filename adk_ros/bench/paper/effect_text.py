@@ -17,16 +17,10 @@ from adk_ros.bench.paper.paper_tables import Table, number
 from adk_ros.bench.paper.scores import CHANNELS, UNITS
 
 OF_PAPER_EPOCHS = (
-    f"The paper's {PAPER_EPOCHS} epochs are not among these readings. In an earlier run with them "
-    f"(adk bench paper --only-effect --epochs {PAPER_EPOCHS} at 155970b, one training; see "
-    "doc/paper.md) no reading reproduces it: window 50, cut 1e-10: 53, 82, 44 % less as "
-    "innovations and 88, 96, 87 % less as a-posteriori errors; window 25, cut 1e-8: 75, 91, 69 % "
-    "and 92, 98, 92 % less."
+    f"The paper's {PAPER_EPOCHS} epochs are not among these readings; doc/paper.md describes a run "
+    f"that has them (adk bench paper --only-effect --epochs {PAPER_EPOCHS})."
 )
-"""
-Measured once, since such a training takes two hours on a CPU: quoted where a run lacks it, because
-the claim is about a model that is trained for so long.
-"""
+"""Such a training takes two hours on a CPU, so a run without it says where to look."""
 
 
 def effect_tables(readings: Sequence[Reading]) -> list[Table]:
