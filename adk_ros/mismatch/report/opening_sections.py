@@ -11,10 +11,16 @@ from typing import Any
 from adk_ros.files.pages.page import Figure, embed
 from adk_ros.mismatch.deployment.predicted_signals import AHEAD_S, AVERAGED_S, STRIDE_S
 from adk_ros.mismatch.inference.result import MismatchResult
+from adk_ros.mismatch.inference.signal_fit import PredictedSignals
 from adk_ros.mismatch.report.asked_text import HEADER as ASKED_HEADER
 from adk_ros.mismatch.report.asked_text import answer_of
 from adk_ros.mismatch.report.comparison_labels import characteristic_labels, model_labels
-from adk_ros.mismatch.report.signal_figure import fit_rows, shown_until, signals_figure
+from adk_ros.mismatch.report.signal_figure import (
+    SHOWN_S,
+    fit_rows,
+    shown_until,
+    signals_figure,
+)
 from adk_ros.mismatch.report.steady_state_figures import HEADER as STEADY_STATE_HEADER
 from adk_ros.mismatch.report.steady_state_figures import (
     resistance_figure,
@@ -55,10 +61,17 @@ def _signals(result: MismatchResult, out: Path) -> dict[str, Any] | None:
         "rows": fit_rows(signals),
         "header": [f"fit of predictions {AHEAD_S:g} s ahead", *labels, "limit by sensor noise"],
         "source": signals.source,
-        "shown": f"{signals.time_s[0]:.0f} to {shown_until(signals):.0f} s",
+        "shown": _shown(signals),
         "stride": f"{STRIDE_S:g}",
         "averaged": f"{1e3 * AVERAGED_S:.0f}",
     }
+
+
+def _shown(signals: PredictedSignals) -> str:
+    """Return which part of the predicted data the figure shows: "the first 40 s (0 to 40 s)"."""
+    begin, end = float(signals.time_s[0]), shown_until(signals)
+    part = "all" if end == float(signals.time_s[-1]) else f"the first {SHOWN_S:g} s"
+    return f"{part} ({begin:.0f} to {end:.0f} s)"
 
 
 def _steady_state(result: MismatchResult, out: Path) -> list[dict[str, Any]]:

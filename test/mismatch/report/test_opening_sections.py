@@ -105,8 +105,11 @@ def test_the_page_opens_with_signals_and_answers(tmp_path: Path) -> None:
     assert_self_contained(page)
     assert_contents(page)
     assert list(page.headings.values())[:4] == [
-        "Summary", "Questions", "Measured and simulated signals", "Understeer and resistance",
+        "Summary", "Measured and simulated signals", "Understeer and resistance", "Questions",
     ]  # fmt: skip
+    # The verdict in a sentence comes before the signals.
+    assert page.source.index('class="lead"') < page.source.index('id="signals"')
+    assert "the figure shows the first 40 s (0 to 40 s); the fit is over all of them" in page.text
     assert "Why is steering lag not claimed?" in page.text
     assert "with 1.4 times as much driving of the same kind" in page.text.lower()
     for figure in ("signals.png", "understeer.png", "resistance.png"):
@@ -119,6 +122,20 @@ def test_the_page_opens_with_signals_and_answers(tmp_path: Path) -> None:
     # A new report without them removes the figures.
     write_report(drag(), tmp_path / "report")
     assert not (tmp_path / "report" / "signals.png").exists()
+
+
+def test_a_figure_of_all_data_says_so(tmp_path: Path) -> None:
+    whole = signals()
+    short = replace(
+        whole,
+        time_s=whole.time_s[:251],
+        measured=whole.measured[:, :251],
+        simulation=whole.simulation[:, :251],
+        corrected=whole.corrected[:, :251],
+    )
+    write_report(replace(drag(), signals=short), tmp_path / "short")
+    text = Page((tmp_path / "short" / "report.html").read_text(encoding="utf-8")).text
+    assert "the figure shows all (0 to 25 s)" in text
 
 
 def test_signals_that_are_not_predicted_are_left_out(tmp_path: Path) -> None:
