@@ -63,7 +63,8 @@ def downweighted_residuals(
         return None
     # Above what noise causes, as a share of all squares and of those above noise.
     squares = huber_values(e)
-    excess = np.where(beyond, squares - 1.0, 0.0).sum(axis=1)
+    above_noise = np.where(beyond, squares - 1.0, 0.0)
+    excess = above_noise.sum(axis=1)
     unexplained = float(squares.sum()) - np.count_nonzero(likelihood.weights)
     by_equation = dict.fromkeys(EQUATIONS, 0.0)
     for name, part in zip(EQUATIONS, excess, strict=True):
@@ -72,8 +73,12 @@ def downweighted_residuals(
     least = EQUATION_GAIN_SHARE * by_equation[order[0]]
     simulated, simulated_s = _seconds_on_simulation(likelihood, surrogate)
     counted_s = BIN_S * int((likelihood.weights > 0.0).any(axis=0).sum())
+    shares = above_noise.sum(axis=0) / squares.sum()
     return Downweighted(
-        tuple(_episode(likelihood, residuals, above, bins, lap) for bins in _groups(beyond)),
+        tuple(
+            _episode(likelihood, residuals, above, bins, lap, float(shares[bins].sum()))
+            for bins in _groups(beyond)
+        ),
         _seconds(beyond),
         simulated,
         counted_s / simulated_s,
@@ -160,8 +165,13 @@ def _episode(
     e: FloatArray,
     bins: slice,
     lap: Lap | None,
+    share: float,
 ) -> Episode:
-    """Return an episode with its largest residual; of weak ones, the mean of a channel."""
+    """
+    Return an episode with its largest residual; of weak ones, the mean of a channel.
+
+    `share`: of the loss, see `Episode`.
+    """
     problem = likelihood.problem
     sizes = np.abs(e[:, bins])
     channel, offset = map(int, np.unravel_index(int(np.argmax(sizes)), sizes.shape))
@@ -183,6 +193,7 @@ def _episode(
         float(problem.pose[step, 0]),
         float(problem.pose[step, 1]),
         None if lap is None else float(lap.distance[step]),
+        share,
     )
 
 

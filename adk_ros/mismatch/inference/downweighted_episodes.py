@@ -37,6 +37,7 @@ class Episode(NamedTuple):
     `channel`: that of the largest one, of `size` in SI and `sigmas` standard deviations; if none
     exceeds the threshold alone, mean and its standard deviations of the channel in which it is
     largest. `x`, `y`: position there, m; `lap_m`: distance along the lap, None without one.
+    `share`: part of Huber's loss of the recording that is in it, above that of noise.
     """
 
     begin_s: float
@@ -47,6 +48,7 @@ class Episode(NamedTuple):
     x: float
     y: float
     lap_m: float | None
+    share: float = 0.0
 
 
 @dataclass(frozen=True)

@@ -40,6 +40,7 @@ from adk_ros.mismatch.report.comparison_labels import (
 )
 from adk_ros.mismatch.report.direct_table import HEADER as DIRECT_HEADER
 from adk_ros.mismatch.report.direct_table import direct_rows
+from adk_ros.mismatch.report.downweighted_table import downweighted_parts
 from adk_ros.mismatch.report.evidence_figures import (
     errors_figure,
     rms,
@@ -129,7 +130,7 @@ def write_page(result: MismatchResult, out: Path, *, provenance: Provenance | No
         "RMS residual over noise of each channel, without and with the identified effects",
         partial(unexplained_figure, result, before / series.noise, after / series.noise),
     )
-    unexplained = result.unexplained
+    unexplained, hidden = result.unexplained, result.downweighted
     terms = () if unexplained is None else unexplained.terms
     held_out = result.held_out
     text = render_page(
@@ -178,6 +179,7 @@ def write_page(result: MismatchResult, out: Path, *, provenance: Provenance | No
         residual_rows=unexplained_rows(before, after, series.noise),
         unexplained=None if unexplained is None else unexplained_text(unexplained),
         expression="" if unexplained is None else unit_text(unexplained.expression),
+        downweighted=None if hidden is None else downweighted_parts(hidden),
         direct_header=DIRECT_HEADER,
         direct=direct_rows(result),
         groups=group_rows(result),

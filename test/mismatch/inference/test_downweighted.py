@@ -135,6 +135,8 @@ def test_episodes_have_their_times_channel_and_size() -> None:
         assert 0.1 < episode.end_s - episode.begin_s < 0.8
     assert hidden.equations == ("v_y",)
     assert 0.0 < hidden.share < 1.0
+    assert all(x.share > 0.0 for x in hidden.episodes)
+    assert sum(x.share for x in hidden.episodes) == pytest.approx(hidden.share)
     assert note_on(hidden)[0].startswith(
         "residuals, or means of up to 0.8 s, exceed 8 standard deviations in 6 episodes of 0."
     )
