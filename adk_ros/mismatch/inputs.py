@@ -19,6 +19,7 @@ from adk_ros.mismatch.recording.checks import (
     check_same_vehicle,
     check_torque_unit,
     check_vehicle,
+    torque_response_text,
 )
 from adk_ros.mismatch.recording.dead_channels import without_dead_channels
 from adk_ros.mismatch.recording.frozen_readings import without_frozen_readings
@@ -82,10 +83,10 @@ class Inputs:
             noise = [np.maximum(x, _error_as_noise(surrogate)) for x in noise]
         else:
             simulation = replace(simulation, length_scale=size)
-            _check_simulation(simulation, logs, nominal)
+            of_torque = _check_simulation(simulation, logs, nominal)
             progress(0.0, "identifying the simulator")
             every = logs[0] if len(logs) == 1 else concatenated(in_sequence(logs))
-            surrogate, found = surrogate_of(simulation, every, nominal, progress)
+            surrogate, found = surrogate_of(simulation, every, nominal, progress, of_torque)
             notes += [*found, *_notes_on_default_vehicle(nominal)]
         logs = [_with_torque(log, surrogate) for log in logs]
         # Without an IMU, a slope is not separated from a force.
@@ -123,15 +124,22 @@ def _with_torque(log: SensorLog, surrogate: SurrogateModel) -> SensorLog:
 
 def _check_simulation(
     simulation: SensorLog, logs: Sequence[SensorLog], nominal: NominalVehicle | None
-) -> None:
+) -> str:
+    """
+    Check the simulation's bag, alone and with the recordings.
+
+    Return what its torque response implies for the vehicle file, in words; empty without a file.
+    """
     check_recording(simulation, is_simulation=True)
     for log in logs:
         check_same_vehicle(simulation, log)
+    of_torque = ""
     if nominal is not None and not nominal.is_simulated:
-        check_vehicle(nominal, simulation)
+        of_torque = torque_response_text(check_vehicle(nominal, simulation), nominal)
     vehicle = nominal or default_vehicle(simulation)
     for log in logs:
         check_torque_unit(log, vehicle.mass, vehicle.wheel_radius)
+    return of_torque
 
 
 def _error_as_noise(surrogate: SurrogateModel) -> FloatArray:

@@ -38,13 +38,15 @@ def surrogate_of(
     recording: SensorLog,
     nominal: NominalVehicle | None,
     report: Callable[[float, str], None],
+    of_torque: str = "",
 ) -> tuple[SurrogateModel, list[str]]:
     """
     Identify the simulator's surrogate, extended where it underfits; return it with notes.
 
-    `report(done, stage)`: the share of the work that is done.
+    `report(done, stage)`: the share of the work that is done. `of_torque`: what the torque
+    response implies for the vehicle file, in words, for the note on that file.
     """
-    surrogate, notes = _surrogate_and_notes(simulation, recording, nominal, report)
+    surrogate, notes = _surrogate_and_notes(simulation, recording, nominal, report, of_torque)
     error = open_loop_error(surrogate, simulation)
     surrogate = surrogate.with_known_driving(prepare_residual_problem(simulation))
     return replace(surrogate, open_loop_error=error), notes
@@ -55,6 +57,7 @@ def _surrogate_and_notes(
     recording: SensorLog,
     nominal: NominalVehicle | None,
     report: Callable[[float, str], None],
+    of_torque: str,
 ) -> tuple[SurrogateModel, list[str]]:
     problem = prepare_residual_problem(simulation)
     assumed = frozenset(MASS_AND_LENGTH_PARAMETERS) if nominal is None else nominal.assumed
@@ -66,11 +69,12 @@ def _surrogate_and_notes(
         lambda done, total: report(0.5 * done / total, "identifying the simulator"),
         unknown,
     )
-    of_file = []
+    of_steering = ""
     if nominal is not None and not (nominal.is_simulated or assumed & DIMENSIONS):
         implied = implied_dimensions(problem, plain, start)
         implied.check(simulation.name)
-        of_file.append(implied.text)
+        of_steering = implied.text
+    of_file = _notes_on_file(of_torque, of_steering)
     # The thresholds of roads and laps are lengths of full-size roads.
     is_full_size = simulation.length_scale == 1.0
     on_road = is_full_size and _is_on_same_road(problem, prepare_residual_problem(recording))
@@ -96,6 +100,14 @@ def _surrogate_and_notes(
         f"{'; '.join(extended.augmentation_notes)}",
         *of_file,
     ]
+
+
+def _notes_on_file(*implied: str) -> list[str]:
+    """Return one note on what the simulation implies for the values of its vehicle file."""
+    parts = [text for text in implied if text]
+    if not parts:
+        return []
+    return [f"the vehicle file against the simulation, 90 % intervals: {'; '.join(parts)}"]
 
 
 def _notes_on_assumed(

@@ -296,9 +296,12 @@ def check_same_vehicle(simulation: SensorLog, recording: SensorLog) -> None:
         )
 
 
-def check_vehicle(nominal: NominalVehicle, simulation: SensorLog) -> None:
+def check_vehicle(nominal: NominalVehicle, simulation: SensorLog) -> ImpliedMass | None:
     """
     Check mass and wheel radius of the vehicle file against the simulation's torque response.
+
+    Return the mass that it implies: over the whole recording if that is accurate, otherwise over
+    its part of low power. None where torque and speed do not explain the acceleration.
 
     :raises DataError: the torque is in kN·m or no torque at all, or the implied mass differs by
         more than 8 %, both over the whole recording and over its part of low power, which a power
@@ -322,7 +325,7 @@ def check_vehicle(nominal: NominalVehicle, simulation: SensorLog) -> None:
     if overall is not None and all(
         _contradicts(implied, nominal.mass, is_known) for implied in masses
     ):
-        at_that_mass = [radius * x / nominal.mass for x in overall[:3]]
+        at_that_mass = overall.radius_at(nominal.mass, radius)
         raise DataError(
             f"{simulation.name}: the torque response implies a mass of {_mass(overall.value)} "
             f"kg ({_mass(overall.low)} to {_mass(overall.high)}) on wheels of {radius:.3g} m "
@@ -330,6 +333,30 @@ def check_vehicle(nominal: NominalVehicle, simulation: SensorLog) -> None:
             "wheel_radius or wheel_inertia (with that mass, the radius would be "
             f"{at_that_mass[0]:.3g} m, {at_that_mass[1]:.3g} to {at_that_mass[2]:.3g})"
         )
+    return next((x for x in masses if x.is_accurate), masses[-1] if masses else None)
+
+
+def torque_response_text(implied: ImpliedMass | None, nominal: NominalVehicle) -> str:
+    """Return the result of `check_vehicle` in words, next to the values of the vehicle file."""
+    if implied is None:
+        return (
+            "the simulation's torque response implies no mass, since torque and speed explain too "
+            "little of its acceleration: mass and wheel_radius are not checked"
+        )
+    radius, low, high = implied.radius_at(nominal.mass, nominal.wheel_radius)
+    source = "assumed" if "wheel_radius" in nominal.assumed else "vehicle file"
+    text = (
+        f"the simulation's torque response implies a mass of {_mass(implied.value)} kg "
+        f"({_mass(implied.low)} to {_mass(implied.high)}; vehicle file {_mass(nominal.mass)}) "
+        f"with a wheel radius of {nominal.wheel_radius:.4g} m ({source}), or, with the file's "
+        f"mass, a wheel radius of {radius:.4g} m ({low:.4g} to {high:.4g})"
+    )
+    if implied.is_accurate:
+        return text
+    return (
+        f"{text}, where torque and speed explain only {100.0 * implied.determination:.0f} % of "
+        "the acceleration: these intervals may be too narrow"
+    )
 
 
 def _mass(value: float) -> str:

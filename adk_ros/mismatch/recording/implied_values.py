@@ -63,6 +63,16 @@ class ImpliedMass(NamedTuple):
         """Whether torque and speed explain the acceleration well enough to correct a file."""
         return self.determination >= _ACCURATE_DETERMINATION
 
+    def radius_at(self, mass: float, wheel_radius: float) -> tuple[float, float, float]:
+        """
+        Return the wheel radius with which `mass` is implied, m, and its 90 % interval.
+
+        Torque and acceleration give only the product of mass and radius. `wheel_radius`: with
+        which this mass is implied.
+        """
+        value, low, high = (wheel_radius * x / mass for x in self[:3])
+        return value, low, high
+
 
 def implied_mass(
     log: SensorLog, wheel_radius: float, wheel_inertia: float = 0.0, power_share: float = 1.0

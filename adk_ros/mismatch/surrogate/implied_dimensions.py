@@ -75,19 +75,34 @@ class ImpliedDimensions:
     wheelbase: ImpliedDimension
 
     @property
+    def steering_ratio(self) -> ImpliedDimension:
+        """
+        Commanded angle over that of the road wheels, with the wheelbase of the vehicle file.
+
+        A command of k times the angle looks like k times the wheelbase.
+        """
+        x = self.wheelbase
+        return ImpliedDimension(x.ratio, x.low / x.given, x.high / x.given, 1.0)
+
+    @property
     def text(self) -> str:
-        """Both values with their intervals, next to those of the vehicle file."""
+        """The values with their intervals, next to those of the vehicle file."""
         of = (("yaw inertia", "kg·m²", self.yaw_inertia), ("wheelbase", "m", self.wheelbase))
         parts = [
             f"a {what} of {x.value:.4g} {unit} ({x.low:.4g} to {x.high:.4g}; vehicle file "
             f"{x.given:.4g})"
             for what, unit, x in of
         ]
-        text = f"the simulation's response to steering implies {' and '.join(parts)}"
+        text, k = " and ".join(parts), self.steering_ratio
+        text = (
+            f"the simulation's response to steering implies {text}, or, with the file's "
+            f"wheelbase, a steering command of {k.value:.4g} ({k.low:.4g} to {k.high:.4g}) times "
+            "the angle of the road wheels"
+        )
         if not self.yaw_inertia.contradicts(1.0 + USUAL_YAW_INERTIA_DIFFERENCE):
             return text
         return (
-            f"{text}: either the vehicle file's yaw_inertia is wrong, and with it the sizes of "
+            f"{text}; either the vehicle file's yaw_inertia is wrong, and with it the sizes of "
             "effects on the yaw motion, or the simulator has dynamics that the surrogate lacks; "
             "compare the file with the simulator's settings"
         )

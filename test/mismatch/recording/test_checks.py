@@ -20,9 +20,14 @@ from adk_ros.mismatch.recording.checks import (
     check_same_vehicle,
     check_torque_unit,
     check_vehicle,
+    torque_response_text,
 )
 from adk_ros.mismatch.recording.from_bag import read_sensor_log
-from adk_ros.mismatch.recording.implied_values import implied_mass, steering_unit
+from adk_ros.mismatch.recording.implied_values import (
+    ImpliedMass,
+    implied_mass,
+    steering_unit,
+)
 from adk_ros.mismatch.recording.nominal_vehicle import load_nominal_vehicle
 from adk_ros.mismatch.recording.sensor_log import SensorLog
 from adk_ros.mismatch.surrogate.run_inputs import no_terms
@@ -191,6 +196,32 @@ def test_the_implied_mass_is_that_of_the_car_with_an_interval() -> None:
     random = np.random.default_rng(0).normal(size=c.simulation.command.shape)
     unrelated = replace(c.simulation, command=c.simulation.command + 1e5 * random)
     assert implied_mass(unrelated, c.nominal.wheel_radius) is None
+
+
+def test_the_check_returns_what_the_simulation_implies() -> None:
+    c = case()
+    found = check_vehicle(c.nominal, c.simulation)
+    assert found is not None
+    assert found.is_accurate
+    assert found.value == pytest.approx(c.nominal.mass, rel=0.08)
+
+
+def test_implied_mass_and_radius_are_stated_next_to_those_of_the_file() -> None:
+    nominal = case().nominal.model_copy(update={"mass": 2000.0, "wheel_radius": 0.3})
+    implied = ImpliedMass(2100.0, 2080.0, 2120.0, 0.99)
+    said = torque_response_text(implied, nominal)
+    assert said == (
+        "the simulation's torque response implies a mass of 2100 kg (2080 to 2120; vehicle file "
+        "2000) with a wheel radius of 0.3 m (vehicle file), or, with the file's mass, a wheel "
+        "radius of 0.315 m (0.312 to 0.318)"
+    )
+    nominal._assumed = frozenset({"wheel_radius"})
+    assert "with a wheel radius of 0.3 m (assumed)" in torque_response_text(implied, nominal)
+    uncertain = torque_response_text(implied._replace(determination=0.6), nominal)
+    assert uncertain.endswith(
+        "explain only 60 % of the acceleration: these intervals may be too narrow"
+    )
+    assert "implies no mass" in torque_response_text(None, nominal)
 
 
 def test_a_torque_in_kilonewton_metres_is_named() -> None:
