@@ -41,6 +41,17 @@ def test_the_headline_states_a_difference_that_no_claim_covers() -> None:
     assert verdict_text(_silent()) == "Inconclusive"
 
 
+def test_a_program_must_read_the_caveat_next_to_the_verdict() -> None:
+    answer = as_dict(_silent())
+    assert answer["verdict"] == NONE
+    assert answer["caveat"].startswith("inconclusive")
+    assert answer["sentence"].startswith("Inconclusive")
+    explained = as_dict(replace(drag(), direct=[_STEERING]))
+    assert explained["direct"][0]["covered"] is False
+    assert "Compared directly" in explained["sentence"]
+    assert "caveat" not in explained
+
+
 def test_a_difference_within_tolerance_is_not_stated() -> None:
     small = replace(_STEERING, recording=Estimate(0.39, 0.0012))
     result = replace(_silent(), direct=[small])
