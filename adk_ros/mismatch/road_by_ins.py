@@ -16,7 +16,8 @@ Specific force and velocity show the same angles, g sin(angle) = a_x + r v_y - d
 a_y - r v_x - dv_y/dt; what they deviate by bounds the error of the attitude.
 
 A slope is used where it lowers the open-loop error of its velocity at every horizon. Nothing is
-fitted for that, so every measurement of the recording is a held-out one.
+fitted for that, but all of the recording counts, also the part that is held out afterwards: the
+errors there are not independent of this choice.
 """
 
 from __future__ import annotations
