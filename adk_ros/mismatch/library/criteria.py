@@ -3,8 +3,38 @@
 """
 Acceptance criteria of the mismatch analysis: the constants that decide a result.
 
-Two kinds are with what they belong to: the materiality thresholds (`library.effect`) and the
-limits of the posterior's sets (`inference.confidence`, `inference.final_estimate`).
+Others that decide are with what they belong to, in modules of `mismatch` unless another is named:
+
+- What is claimed: materiality thresholds (`library.effect`; by choice), the limits of a credible
+  set and of a probable effect (`inference.final_estimate`; convention), what is no alternative
+  (`inference.identifiability._SEPARATE_SHARE`; by choice) and what always is one
+  (`inference.identifiability.STRUCTURALLY_EQUIVALENT`; derivation), when a comparison without a
+  surrogate model differs (`recording.direct_comparison.SIGNIFICANT_SIGMAS`; convention), when
+  recordings disagree (`inference.agreement.DISAGREEMENT_LEVEL`; convention).
+- Robust loss and independent samples: `numerics.levenberg_marquardt.HUBER_THRESHOLD` of the
+  package (by choice), blocks (`inference.block_scores.BLOCK_S`; derivation) and which of them
+  inform about a parameter (`inference.block_scores._MIN_INFORMATION_SHARE`; by choice).
+- Episodes: `inference.lasting_residuals.WINDOWS` and `inference.downweighted._JOINED_S`
+  (derivation), `inference.downweighted_episodes._MAX_EPISODES_SHARE` (by choice) and
+  `inference.downweighted_episodes._JEFFREYS` (reference).
+- Which data count: `recording.sensor_log.MIN_SENSOR_NOISE` and
+  `surrogate.identification.MAX_SHARE_BEYOND` (by choice), frozen readings and gaps
+  (`recording.frozen_readings`; convention), copies of a channel
+  (`inference.corroboration._COPY_TOLERANCE`; derivation), when two passes are of one place
+  (`surrogate.lap`; by choice), how well slopes are known (`road_by_ins.LAP_SIGMA`, by choice;
+  `road_by_ins.MOUNTING_SIGMA`, derivation).
+- The models: observer (`surrogate.residuals.OBSERVER_GAINS`), priors of the surrogate's fit
+  (`surrogate.identification`, `surrogate.road_profile_fit`), what that leaves open
+  (`surrogate.weak_directions`), ridge of its learned error
+  (`surrogate.systematic_error._COLUMN_ERROR`), filter and horizons of predictions
+  (`deployment.open_loop.ASSIMILATION_GAINS`, `deployment.held_out.HORIZONS_S`); by choice.
+- Which inputs are refused: `recording.checks`, `recording.implied_values` (by choice, some on
+  practice recordings) and `surrogate.implied_dimensions` (on lists of older seeds).
+- What is searched: `library.search_limits`, `inference.fit_budget`, the sections of a lap
+  (`inference.segmentation.BINS`) and the grids of `inference.parametric_grid`,
+  `inference.periodic_search` and `inference.segments`. They can cost a finding; by choice.
+
+Settings of the numerics (steps, grids of signals), of tables and of advice are not listed.
 
 A loss is the sum of squared whitened residuals (Huber beyond 8 standard deviations) plus the
 prior's; for Gaussian residuals a loss difference is twice a log-likelihood ratio, so that a
@@ -15,9 +45,10 @@ and not noise, accounts for.
 Sources: "calibrated" marks a value that `adk bench concealed --calibrate` compares with what it
 has to separate, on generated cases that no benchmark contains; "calibrated to a factor of two" one
 chosen by hand whose half and double `--calibrate --vary NAME` analyses there, neither of which
-answers more cases rightly (doc/mismatch.md, "Calibration", which says how many decisions each
-changes); "convention" a usual level. Others have their derivation. None is calibrated on real
-vehicles.
+answers more cases rightly (doc/mismatch-validation.md, "Calibration", which says how many
+decisions each changes); "seed" one from lists of cases with an older seed; "convention" a usual
+level. Others have their derivation, or say that they are by choice. doc/mismatch.md, "Sources of
+the constants", lists and counts them by source. None is calibrated on real vehicles.
 """
 
 from __future__ import annotations
