@@ -17,8 +17,8 @@ from adk_ros.bench.paper.paper_tables import Table, number
 from adk_ros.bench.paper.scores import CHANNELS, UNITS
 
 OF_PAPER_EPOCHS = (
-    f"The paper's {PAPER_EPOCHS} epochs are not among these readings; doc/paper.md describes a run "
-    f"that has them (adk bench paper --only-effect --epochs {PAPER_EPOCHS})."
+    f"The paper's {PAPER_EPOCHS} epochs are not among these readings; doc/paper.md describes a "
+    f"run that has them (adk bench paper --only-effect --epochs {PAPER_EPOCHS})."
 )
 """Such a training takes two hours on a CPU, so a run without it says where to look."""
 
