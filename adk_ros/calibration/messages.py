@@ -34,7 +34,8 @@ def odometry_row(msg: Any) -> list[float]:
     """
     Return stamp, v_x, v_y, yaw rate, x, y and heading (7,).
 
-    NaN for a v_y that the covariance marks as not measured and that is an estimate.
+    NaN for a v_y that the covariance marks as not measured and that is an estimate, and for a
+    position or heading so marked, as `adk import` writes it in gaps.
     """
     twist, pose = msg.twist.twist, msg.pose.pose
     q = pose.orientation
@@ -45,20 +46,28 @@ def odometry_row(msg: Any) -> list[float]:
     v_y = float(twist.linear.y)
     if v_y != 0.0 and float(msg.twist.covariance[7]) >= MAX_VARIANCE:
         v_y = math.nan
+    variance, point = msg.pose.covariance, pose.position
     return [
         stamp_s(msg),
         float(twist.linear.x),
         v_y,
         float(twist.angular.z),
-        float(pose.position.x),
-        float(pose.position.y),
-        heading,
+        _unless_in_gap(float(point.x), float(variance[0])),
+        _unless_in_gap(float(point.y), float(variance[7])),
+        _unless_in_gap(heading, float(variance[35])),
     ]
 
 
+def _unless_in_gap(value: float, variance: float) -> float:
+    # What is never measured is zero, and marked as well.
+    return math.nan if value != 0.0 and variance >= MAX_VARIANCE else value
+
+
 def height_row(msg: Any) -> list[float]:
-    """Return stamp and height z of the pose, m (2,), of an Odometry."""
-    return [stamp_s(msg), float(msg.pose.pose.position.z)]
+    """Return stamp and height z of the pose, m (2,), of an Odometry; NaN in gaps of its x."""
+    # Planar odometry marks its z whatever that is, so only x tells a gap.
+    x = _unless_in_gap(float(msg.pose.pose.position.x), float(msg.pose.covariance[0]))
+    return [stamp_s(msg), math.nan if math.isnan(x) else float(msg.pose.pose.position.z)]
 
 
 def velocity_row(msg: Any, sensors: SensorConfig) -> list[float]:

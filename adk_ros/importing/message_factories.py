@@ -3,14 +3,14 @@
 """
 Messages from the values of their channels.
 
-Frames are those of simulated recordings (`offline.export`). A value that has no source is marked
-as not measured by its covariance (REP-145), never written as NaN.
+Frames are those of simulated recordings (`offline.export`). A value that has no source, or none at
+a stamp, is marked as not measured by its covariance (REP-145), never written as NaN.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from typing import Any
 
 import numpy as np
@@ -26,13 +26,14 @@ COMMAND_TYPE = COMMAND_TYPES["joint_state"]
 _NOT_MEASURED = 1e6
 """Variance of an axis without a source, SI units squared; 0 is unknown (REP-145)."""
 
-Create = Callable[[int, Mapping[str, float]], Any]
-"""Function (stamp in ns, values) -> message; it returns the same object each time."""
+Create = Callable[[int, Mapping[str, float], Collection[str]], Any]
+"""Function (stamp in ns, values, channels that are unknown at this stamp) -> message; it returns
+the same object each time."""
 
 
 def imu(names: set[str]) -> Create:
     """Return the factory of IMU messages from the channels `names`."""
-    rates = [0.0 if name in names else _NOT_MEASURED for name in ("roll_rate", "pitch_rate")]
+    rates, vertical = {0: "roll_rate", 4: "pitch_rate"}, {8: "a_z"}
     has_attitude = {"roll", "pitch"} <= names
     msg = message(
         IMU_TYPE,
@@ -40,13 +41,13 @@ def imu(names: set[str]) -> Create:
         orientation_covariance=(
             _diagonal(3, {8: _NOT_MEASURED}) if has_attitude else [-1.0] + [0.0] * 8
         ),
-        angular_velocity_covariance=_diagonal(3, {0: rates[0], 4: rates[1]}),
+        angular_velocity_covariance=_diagonal(3, _missing(rates, names)),
         linear_acceleration={"z": GRAVITY},
-        linear_acceleration_covariance=_diagonal(3, {8: 0.0 if "a_z" in names else _NOT_MEASURED}),
+        linear_acceleration_covariance=_diagonal(3, _missing(vertical, names)),
     )
     force, rate, q = msg.linear_acceleration, msg.angular_velocity, msg.orientation
 
-    def create(stamp_ns: int, values: Mapping[str, float]) -> Any:
+    def create(stamp_ns: int, values: Mapping[str, float], unknown: Collection[str]) -> Any:
         _set_stamp(msg, stamp_ns)
         force.x, force.y, rate.z = values["a_x"], values["a_y"], values["yaw_rate"]
         force.z = values.get("a_z", GRAVITY)
@@ -55,6 +56,10 @@ def imu(names: set[str]) -> Create:
             roll, pitch = 0.5 * values["roll"], 0.5 * values["pitch"]
             q.x, q.w = math.sin(roll) * math.cos(pitch), math.cos(roll) * math.cos(pitch)
             q.y, q.z = math.cos(roll) * math.sin(pitch), -math.sin(roll) * math.sin(pitch)
+            is_unknown = "roll" in unknown or "pitch" in unknown
+            msg.orientation_covariance[0] = -1.0 if is_unknown else 0.0
+        _mark(msg.angular_velocity_covariance, rates, names, unknown)
+        _mark(msg.linear_acceleration_covariance, vertical, names, unknown)
         return msg
 
     return create
@@ -77,7 +82,7 @@ def odometry(names: set[str]) -> Create:
     point, q = msg.pose.pose.position, msg.pose.pose.orientation
     linear, angular = msg.twist.twist.linear, msg.twist.twist.angular
 
-    def create(stamp_ns: int, values: Mapping[str, float]) -> Any:
+    def create(stamp_ns: int, values: Mapping[str, float], unknown: Collection[str]) -> Any:
         _set_stamp(msg, stamp_ns)
         # An estimate is written, and marked as not measured.
         linear.x = values["v_x"]
@@ -87,6 +92,7 @@ def odometry(names: set[str]) -> Create:
         point.z = values.get("z", 0.0)
         heading = values.get("heading", 0.0)
         q.z, q.w = math.sin(0.5 * heading), math.cos(0.5 * heading)
+        _mark(msg.pose.covariance, position, names, unknown)
         return msg
 
     return create
@@ -108,7 +114,7 @@ def command(names: set[str]) -> Create:
         effort=[0.0, 0.0],
     )
 
-    def create(stamp_ns: int, values: Mapping[str, float]) -> Any:
+    def create(stamp_ns: int, values: Mapping[str, float], _: Collection[str]) -> Any:
         _set_stamp(msg, stamp_ns)
         msg.effort[0], msg.position[1] = values.get(torque, 0.0), values.get("delta", 0.0)
         return msg
@@ -121,7 +127,7 @@ def ground_velocity() -> Create:
     msg = message(TWIST, header=_stamped("enu"))
     linear = msg.twist.linear
 
-    def create(stamp_ns: int, values: Mapping[str, float]) -> Any:
+    def create(stamp_ns: int, values: Mapping[str, float], _: Collection[str]) -> Any:
         _set_stamp(msg, stamp_ns)
         speed, course = values["gps_speed"], values["gps_course"]
         linear.x, linear.y = speed * math.sin(course), speed * math.cos(course)
@@ -134,11 +140,11 @@ def fix() -> Create:
     """Return the factory of satellite fixes."""
     msg = message(FIX, header=_stamped("gps"))
 
-    def create(stamp_ns: int, values: Mapping[str, float]) -> Any:
+    def create(stamp_ns: int, values: Mapping[str, float], unknown: Collection[str]) -> Any:
         _set_stamp(msg, stamp_ns)
         msg.latitude, msg.longitude = values["latitude"], values["longitude"]
         # The definition of NavSatFix asks for NaN where there is no altitude.
-        msg.altitude = values.get("altitude", math.nan)
+        msg.altitude = math.nan if "altitude" in unknown else values.get("altitude", math.nan)
         return msg
 
     return create
@@ -148,7 +154,7 @@ def rotation(name: str, frame: str) -> Create:
     """Return the factory of speeds of rotation about the y axis, forward positive (REP-103)."""
     msg = message(TWIST, header=_stamped(frame))
 
-    def create(stamp_ns: int, values: Mapping[str, float]) -> Any:
+    def create(stamp_ns: int, values: Mapping[str, float], _: Collection[str]) -> Any:
         _set_stamp(msg, stamp_ns)
         msg.twist.angular.y = values[name]
         return msg
@@ -160,7 +166,7 @@ def pressures(name: str) -> Create:
     """Return the factory of pressures, from the channel `name`."""
     msg = message(PRESSURE, header=_stamped("brake"))
 
-    def create(stamp_ns: int, values: Mapping[str, float]) -> Any:
+    def create(stamp_ns: int, values: Mapping[str, float], _: Collection[str]) -> Any:
         _set_stamp(msg, stamp_ns)
         msg.fluid_pressure = values[name]
         return msg
@@ -172,7 +178,7 @@ def numbers(name: str) -> Create:
     """Return the factory of numbers without a header, from the channel `name`."""
     msg = message(NUMBER)
 
-    def create(_: int, values: Mapping[str, float]) -> Any:
+    def create(_: int, values: Mapping[str, float], __: Collection[str]) -> Any:
         msg.data = values[name]
         return msg
 
@@ -181,6 +187,15 @@ def numbers(name: str) -> Create:
 
 def _missing(elements: Mapping[int, str], names: set[str]) -> dict[int, float]:
     return {index: _NOT_MEASURED for index, name in elements.items() if name not in names}
+
+
+def _mark(
+    covariance: FloatArray, elements: Mapping[int, str], names: set[str], unknown: Collection[str]
+) -> None:
+    """Mark the elements of channels that are unknown, and no other of those in `names`."""
+    for index, name in elements.items():
+        if name in names:
+            covariance[index] = _NOT_MEASURED if name in unknown else 0.0
 
 
 def _stamped(frame_id: str) -> dict[str, Any]:

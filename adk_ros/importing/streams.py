@@ -5,13 +5,14 @@ Join channels to messages.
 
 Channels of one message that share their stamps are stored at these. Otherwise the message has the
 stamps of its leading channel, and the others are interpolated there: linearly, commands by
-zero-order hold. Nothing else is resampled.
+zero-order hold. Nothing else is resampled. In a gap of a channel that all messages need, there is
+no message; one that is optional, such as a position, takes no message with it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -31,10 +32,16 @@ _CIRCULAR = ("heading", "gps_course", "roll", "pitch")
 
 @dataclass(frozen=True)
 class MessageStream:
-    """Values (n,) of each channel of a message at its stamps (n,), ns, ascending strictly."""
+    """
+    Values (n,) of each channel of a message at its stamps (n,), ns, ascending strictly.
+
+    `unknown` (n,): by the name of an optional channel, where it is in a gap; its value there is
+    interpolated over the gap.
+    """
 
     stamp_ns: IntArray
     values: Mapping[str, FloatArray]
+    unknown: Mapping[str, BoolArray] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return int(self.stamp_ns.shape[0])
@@ -92,6 +99,37 @@ def _resampled(
     )
 
 
+def with_optional(
+    name: str,
+    stream: MessageStream,
+    channels: Sequence[SourceChannel],
+    lead: str,
+    notes: list[str],
+) -> MessageStream:
+    """
+    Return the stream with further channels at its stamps, without which messages are complete.
+
+    In their gaps they are interpolated as well, before and after them held; both are `unknown`.
+
+    :param name: of the message, and `lead` of the channel with its stamps, for the lines.
+    """
+    values, unknown = dict(stream.values), dict(stream.unknown)
+    for channel in channels:
+        if np.isin(stream.stamp_ns, channel.stamp_ns).all():
+            rows = np.searchsorted(channel.stamp_ns, stream.stamp_ns)
+            values[channel.name] = channel.values[rows]
+            continue
+        values[channel.name], known = at_stamps(name, channel, stream.stamp_ns, lead, notes)
+        if known.all():
+            continue
+        unknown[channel.name] = ~known
+        notes.append(
+            f"{name}: {channel.name} is missing at {int((~known).sum())} of {len(stream)} stamps, "
+            "in gaps: marked as not measured there"
+        )
+    return replace(stream, values=values, unknown=unknown)
+
+
 def at_stamps(
     name: str, channel: SourceChannel, stamp_ns: IntArray, lead: str, notes: list[str]
 ) -> tuple[FloatArray, BoolArray]:
@@ -113,7 +151,8 @@ def _at(channel: SourceChannel, at_ns: IntArray, hold: bool) -> tuple[FloatArray
     right = np.minimum(left + 1, stamps.shape[0] - 1)
     source = np.unwrap(channel.values) if channel.name in _CIRCULAR else channel.values
     gap = (stamps[right] - stamps[left]).astype(np.float64)
-    share = (at_ns - stamps[left]) / np.maximum(gap, 1.0)
+    # Before the first value it is held, as after the last.
+    share = np.clip((at_ns - stamps[left]) / np.maximum(gap, 1.0), 0.0, 1.0)
     values = source[left] + share * (source[right] - source[left])
     longest = longest_gap_ns(stamps)
     exact = stamps[left] == at_ns

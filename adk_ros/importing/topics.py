@@ -38,13 +38,16 @@ from adk_ros.importing.message_factories import (
     rotation,
 )
 from adk_ros.importing.source_channels import SourceChannel
-from adk_ros.importing.streams import MessageStream, at_stamps, joined
+from adk_ros.importing.streams import MessageStream, at_stamps, joined, with_optional
 
 TOPICS = {
     IMU: ("/imu/data", IMU_TYPE),
     ODOMETRY: ("/odometry", ODOMETRY_TYPE),
     COMMAND: ("/vehicle/command", COMMAND_TYPE),
 }
+_IN_EVERY_IMU = ("a_x", "a_y", "yaw_rate")
+_POSE = ("x", "y", "z", "heading")
+"""Optional channels of odometry: training and replay read its velocities alone."""
 
 
 @dataclass(frozen=True)
@@ -58,10 +61,12 @@ class Topic:
 
     def messages(self) -> Iterator[tuple[int, str, Any]]:
         """Yield (stamp in ns, topic, message), in order of time."""
-        names = list(self.stream.values)
+        names, gaps = list(self.stream.values), self.stream.unknown
         rows = np.column_stack([self.stream.values[name] for name in names]).tolist()
-        for stamp_ns, row in zip(self.stream.stamp_ns.tolist(), rows, strict=True):
-            yield stamp_ns, self.name, self.create(stamp_ns, dict(zip(names, row, strict=True)))
+        for i, (stamp_ns, row) in enumerate(zip(self.stream.stamp_ns.tolist(), rows, strict=True)):
+            unknown = [name for name, missing in gaps.items() if missing[i]]
+            values = dict(zip(names, row, strict=True))
+            yield stamp_ns, self.name, self.create(stamp_ns, values, unknown)
 
 
 @dataclass
@@ -101,9 +106,11 @@ def _add_imu(given: dict[str, SourceChannel], outcome: Outcome, notes: list[str]
         outcome.left_out[single] = "an orientation needs roll and pitch"
         names.remove(single)
     order = [name for name in CHANNELS if name in names]
-    stream = joined("imu", [given[name] for name in order], notes)
+    stream = joined("imu", [given[name] for name in order if name in _IN_EVERY_IMU], notes)
     if "yaw_rate" not in given and rate is not None:
         stream = _with_channel("imu", stream, "yaw_rate", rate, "a_x", notes)
+    optional = [given[name] for name in order if name not in _IN_EVERY_IMU]
+    stream = with_optional("imu", stream, optional, "a_x", notes)
     outcome.topics.append(Topic(*TOPICS[IMU], stream, imu(set(stream.values))))
 
 
@@ -122,10 +129,10 @@ def _add_odometry(given: dict[str, SourceChannel], outcome: Outcome, notes: list
         (single,) = {"x", "y"} & set(names)
         outcome.left_out[single] = "a position needs x and y"
         names.remove(single)
-    stream = joined("odometry", [given[name] for name in names], notes)
+    stream = joined("odometry", [given[name] for name in names if name not in _POSE], notes)
     rate = given.get("odometry_yaw_rate")
     gyro = given.get("yaw_rate")
-    measured = set(stream.values)
+    measured = set(names)
     if rate is None and gyro is not None:
         stream = _with_channel("odometry", stream, "odometry_yaw_rate", gyro, "v_x", notes)
         if has_imu:
@@ -137,6 +144,8 @@ def _add_odometry(given: dict[str, SourceChannel], outcome: Outcome, notes: list
         notes.append("no yaw rate: written as 0 in odometry and marked as not measured")
     if not {"v_y", "v_y_estimated"} & set(given):
         notes.append("no v_y: written as 0 in odometry and marked as not measured")
+    pose = [given[name] for name in names if name in _POSE]
+    stream = with_optional("odometry", stream, pose, "v_x", notes)
     outcome.topics.append(Topic(*TOPICS[ODOMETRY], stream, odometry(measured)))
 
 
@@ -173,7 +182,9 @@ def _add_satellite(given: dict[str, SourceChannel], outcome: Outcome, notes: lis
         outcome.left_out["gps_course"] = "a velocity over ground also needs gps_speed"
     names = [name for name in ("latitude", "longitude", "altitude") if name in given]
     if {"latitude", "longitude"} <= set(names):
-        stream = joined("gps fix", [given[name] for name in names], notes)
+        stream = joined("gps fix", [given["latitude"], given["longitude"]], notes)
+        altitude = [given["altitude"]] if "altitude" in given else []
+        stream = with_optional("gps fix", stream, altitude, "latitude", notes)
         outcome.topics.append(_auxiliary(GPS_FIX, stream, fix()))
     else:
         for name in names:

@@ -21,6 +21,7 @@ from adk_ros.importing.geodesy import east_north
 from adk_ros.importing.map_loading import checked_map
 from adk_ros.importing.parquet_file import write_parquet
 from adk_ros.importing.recording_import import ImportedRecording
+from adk_ros.signals.decode import MAX_VARIANCE
 
 METRES_PER_DEGREE = 111_320.0
 """Of longitude at the equator; of latitude within 1 %, which the test of `east_north` covers."""
@@ -75,6 +76,8 @@ def test_positions_are_those_of_the_drive(tmp_path: Path) -> None:
             (msg.header.stamp.sec + 1e-9 * msg.header.stamp.nanosec, p.x, p.y)
             for _, _, msg in bag.messages(["/odometry"])
             for p in (msg.pose.pose.position,)
+            # After the last fix there is no position.
+            if msg.pose.covariance[0] < MAX_VARIANCE
         ]
     found, true = np.array(rows), town().pose
     at_s = found[:, 0] - found[0, 0]
@@ -111,6 +114,12 @@ def test_rows_without_a_fix_are_left_out(tmp_path: Path) -> None:
     assert any("40 rows without a fix are left out" in line for line in recording.notes)
     _, x = channel(recording, "x")
     assert np.abs(x).max() < 5e3
+    # The velocity is there without a fix; its position is not.
+    (odometry,) = [topic for topic in recording.outcome.topics if topic.name == "/odometry"]
+    assert len(odometry.stream) == len(frame)
+    unknown = odometry.stream.unknown["x"]
+    assert unknown[:80].all()
+    assert unknown[80:].mean() < 0.05
     with pytest.raises(DataError, match="no two different fixes"):
         imported(tmp_path, frame.assign(latitude=0.0, longitude=0.0))
 

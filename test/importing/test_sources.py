@@ -19,7 +19,8 @@ from scipy.io import savemat
 
 from adk_ros.api.importing import import_recording, propose_map
 from adk_ros.bags import Bag
-from adk_ros.bags.recording import read_recording
+from adk_ros.bags.recording import RecordingOptions, read_recording
+from adk_ros.calibration.from_bag import read_streams
 from adk_ros.cli.main import main
 from adk_ros.errors import AdkError, DataError, UsageError
 from adk_ros.importing.optional_library import optional_library
@@ -142,6 +143,54 @@ def test_channels_of_one_message_are_joined_at_the_leading_stamps(tmp_path: Path
     assert "odometry: 1 of 200 stamps lie in gaps: skipped" in result.notes
     lateral = values_of(tmp_path / "bag", "/odometry", lambda msg: msg.twist.twist.linear.y)
     np.testing.assert_allclose(lateral[0][1], 0.5 * 0.013 / 0.02, atol=1e-9)
+
+
+def with_columns(more: list[str], gap: range) -> list[str]:
+    """Return `rows` with further cells, which are empty in a gap."""
+    empty = "," * (more[0].count(",") + 1)
+    return [
+        f"{row}{empty}" if i in gap else f"{row},{cells}"
+        for i, (row, cells) in enumerate(zip(rows(), more, strict=True))
+    ]
+
+
+def test_a_gap_of_the_position_takes_no_velocity_with_it(tmp_path: Path) -> None:
+    gap = range(60, 140)
+    lines = with_columns([f"{0.2 * i:.1f},{0.1 * i:.1f}" for i in range(200)], gap)
+    channels = CHANNELS | {name: {"column": name, "unit": "m"} for name in "xy"}
+    path = write(tmp_path / "a.csv", lines, "t,v,d,m,x,y")
+    result = take(path, tmp_path / "bag", channels=channels)
+    for name in "xy":
+        text = f"odometry: {name} is missing at 80 of 200 stamps, in gaps: marked as not measured"
+        assert any(note.startswith(text) for note in result.notes)
+    poses = [pose for _, pose in values_of(result.out, "/odometry", lambda msg: msg.pose)]
+    marked = [[p.covariance[i] >= MAX_VARIANCE for i in (0, 7)] for p in poses]
+    assert marked == [[i in gap] * 2 for i in range(200)]
+    # A reader that does not look at the marks finds no jump.
+    at = [p.pose.position.x for p in poses]
+    np.testing.assert_allclose(at, 0.2 * np.arange(200), atol=1e-9)
+    odometry = read_streams(result.out, RecordingOptions()).streams.odometry
+    assert odometry is not None
+    (interval,) = odometry.unknown
+    assert interval == pytest.approx((1.18, 2.8))
+
+
+def test_a_gap_of_the_attitude_takes_no_acceleration_with_it(tmp_path: Path) -> None:
+    gap = range(20, 90)
+    cells = [f"0.1,0.2,0.01,9.8,0.05,{0.001 * i:.3f}" for i in range(200)]
+    lines = with_columns(cells, range(0))
+    lines = [line.rsplit(",", 3)[0] + ",,," if i in gap else line for i, line in enumerate(lines)]
+    units = {"a_x": "m/s^2", "a_y": "m/s^2", "yaw_rate": "rad/s", "a_z": "m/s^2"}
+    units |= {"roll": "rad", "pitch": "rad"}
+    channels = CHANNELS | {name: {"column": name, "unit": u} for name, u in units.items()}
+    path = write(tmp_path / "a.csv", lines, f"t,v,d,m,{','.join(units)}")
+    result = take(path, tmp_path / "bag", channels=channels)
+    found = [msg for _, msg in values_of(result.out, "/imu/data", lambda msg: msg)]
+    assert [msg.orientation_covariance[0] == -1.0 for msg in found] == [
+        i in gap for i in range(200)
+    ]
+    vertical = [msg.linear_acceleration_covariance[8] >= MAX_VARIANCE for msg in found]
+    assert vertical == [i in gap for i in range(200)]
 
 
 @pytest.mark.parametrize(
