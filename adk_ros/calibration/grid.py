@@ -15,6 +15,10 @@ from adk_ros.numerics.arrays import FloatArray
 from adk_ros.numerics.differentiation import savitzky_golay
 from adk_ros.signals.moving_speed import moving_speed
 
+_ROUNDING = 1e-9
+"""rad/s; a constant that is smoothed, such as the zeros of a missing gyro less a known bias,
+varies by less than this."""
+
 
 @dataclass(frozen=True)
 class Signals:
@@ -60,7 +64,7 @@ class Signals:
     @property
     def gyro(self) -> FloatArray | None:
         """Yaw rate (n,) of the IMU; None if it has none that varies."""
-        return None if self.w is None or float(np.ptp(self.w[2])) == 0.0 else self.w[2]
+        return None if self.w is None or float(np.ptp(self.w[2])) < _ROUNDING else self.w[2]
 
     @property
     def lateral(self) -> FloatArray | None:
