@@ -17,6 +17,7 @@ from adk_ros.calibration.criteria import (
     SIGNIFICANCE,
 )
 from adk_ros.calibration.finding import (
+    NO_PARAMETER,
     Finding,
     Verdict,
     found,
@@ -55,6 +56,14 @@ _COARSE_TOLERANCE = 0.35
 
 _WITH_RATIO = "joint_state"
 """Type of the command whose steering angle is divided by `steering_ratio`."""
+_REMEDY_RATIO = (
+    "no parameter for this: the angle of an Ackermann or Autoware command is that of the road "
+    "wheels, correct what publishes it"
+)
+_REMEDY_DELAY = (
+    "no parameter for this: a slow steering is no error of a sensor; `adk train` learns it, and "
+    "`adk mismatch` names it as steering_delay"
+)
 
 
 def check_sign(
@@ -111,8 +120,9 @@ def check_sign(
             # It is the offset of what is divided by the ratio.
             proposal["steering_offset"] = round(sensors.steering_offset / factor, 6)
     command = streams.command.having(steering=streams.command["steering"] / factor)
+    remedy = NO_PARAMETER if has_ratio else _REMEDY_RATIO
     return (
-        [found("steering", "; ".join(texts), evidence, proposal)],
+        [found("steering", "; ".join(texts), evidence, proposal, remedy)],
         replace(streams, command=command),
         (
             replace(
@@ -214,7 +224,9 @@ def _ratio(
     if command_type != _WITH_RATIO:
         proposal = {}
     text = "steer joint angle over road-wheel angle"
-    out = judged("steering_ratio", ratio, 1.0, text, evidence, parameters=proposal)
+    out = judged(
+        "steering_ratio", ratio, 1.0, text, evidence, parameters=proposal, remedy=_REMEDY_RATIO
+    )
     if out.verdict is not Verdict.FINDING or front is None:
         return out
     other = front.regression.estimate(0)
@@ -252,10 +264,12 @@ def _delay(fit: SteeringFit, front: SteeringFit | None, evidence: str) -> Findin
     name = "steering_delay"
     if front is None:
         text = "the car responds to the steering later than a single-track model, in s"
-        return judged(name, fit.delay, 0.0, text, evidence, kind="steering_response")
+        return judged(
+            name, fit.delay, 0.0, text, evidence, kind="steering_response", remedy=_REMEDY_DELAY
+        )
     evidence = "regression of v_x delta on v_y + l_f r, v_x a_y, v_x and v_x dr/dt (front axle)"
     text = "the front axle responds later than the steering angle, in s"
-    out = judged(name, front.delay, 0.0, text, evidence)
+    out = judged(name, front.delay, 0.0, text, evidence, remedy=_REMEDY_DELAY)
     ratio = front.regression.estimate(0).value
     if out.verdict is Verdict.FINDING and not _PLAUSIBLE < ratio < 1.0 / _PLAUSIBLE:
         reason = f"the model of the front axle does not fit (ratio {ratio:.2f}); bank or low grip"

@@ -32,7 +32,9 @@ from helpers.calibration import (
 import adk_ros.calibration.check as check_module
 from adk_ros.calibration.check import CheckResult
 from adk_ros.calibration.finding import Finding, Verdict, found
+from adk_ros.calibration.grid import on_grid
 from adk_ros.calibration.known_errors import with_known_errors, without_known_errors
+from adk_ros.calibration.relations import smoothed
 from adk_ros.calibration.road import check_road
 from adk_ros.calibration.streams import Streams
 from adk_ros.signals.decode import SensorConfig
@@ -227,6 +229,9 @@ def test_a_late_command_is_a_steering_delay() -> None:
     # The plant adds 0.03 s of actuator and 0.0125 s of hold.
     found = findings(late("command", -0.1))["steering_delay"]
     assert found.value == pytest.approx(0.1425, abs=0.02)
+    # It is no error of a sensor: nothing to set.
+    assert not found.parameters
+    assert "`adk mismatch` names it as steering_delay" in found.remedy
 
 
 def test_corrected_parameters_leave_nothing_to_find() -> None:
@@ -376,6 +381,21 @@ def test_without_a_third_yaw_rate_nobody_says_which_is_flipped() -> None:
     assert not gyro.parameters
 
 
+@pytest.mark.parametrize("value", [0.0, 0.3])
+def test_a_gyro_that_does_not_vary_is_none(value: float) -> None:
+    """A missing gyro reports zeros; less a known bias they are a constant, and smoothed."""
+    streams = driven()
+    imu = existing(streams, "imu")
+    constant = streams.with_stream("imu", imu.having(w_z=np.full(imu.at_s.size, value)))
+    s = on_grid(constant, [])
+    assert s is not None
+    assert s.gyro is None
+    assert s.turning is s.heading_rate
+    without_pose = replace(s, heading_rate=None)
+    assert without_pose.turning is without_pose.yaw_rate
+    assert smoothed(without_pose).gyro is None
+
+
 def test_a_steering_offset_is_that_of_the_road_wheels() -> None:
     """A servo that turns 1.4 times the angle of the wheels, with an offset of 0.028 rad of it."""
     fault = added("command", steering=0.028)
@@ -394,6 +414,7 @@ def test_a_command_of_another_type_than_configured_gets_no_ratio() -> None:
     found = {x.name: x for x in checked(streams, command_type="ackermann").findings}
     assert found["steering"].verdict is Verdict.FINDING
     assert "steering_ratio" not in found["steering"].parameters
+    assert "correct what publishes it" in found["steering"].remedy
 
 
 def test_a_bias_next_to_a_scale_is_in_the_unit_of_the_reading() -> None:
