@@ -15,12 +15,11 @@ from adk_ros.api.output import check_output
 from adk_ros.api.progress import Progress, in_stage
 from adk_ros.api.recording import BagRecording, as_recording
 from adk_ros.bags.recording import RecordingOptions
-from adk_ros.errors import AdkError, DataError, UsageError
+from adk_ros.errors import DataError, UsageError
 
 if TYPE_CHECKING:
     from adk_ros.train.network_fit import Step
     from adk_ros.train.train_settings import PaperSettings, TrainSettings
-    from adk_ros.train.training_report import RecordedScope
 
 _VALIDATIONS = 10
 """Validations during a short training."""
@@ -45,7 +44,7 @@ def train_model(
 
     An interrupted training resumes when it is called again with the same arguments.
 
-    :param recordings: recordings or bags; one minute in all is recommended.
+    :param recordings: recordings or bags, at least one minute in all.
     :param out: model folder to write.
     :param steps: updates, each from one batch of sequences (default 4000, about two minutes).
     :param seed: the same seed and data give the same model.
@@ -80,14 +79,12 @@ def train_model(
     if not read:
         raise UsageError("give at least one recording")
     _check_commands(read)
-    # Before the training: what cannot be read must not end it.
-    scopes = _scopes(read, progress) if report else []
     stepped, noted = training_callbacks(progress, on_step)
     sensors = read[0].options.sensors
     run = run_training([item.record for item in read], out, chosen, split, sensors, stepped, noted)
     if report:
         sources = [("recording", item.path) for item in read]
-        write_report(run, out, provenance=timer.provenance(sources), scopes=scopes)
+        write_report(run, out, provenance=timer.provenance(sources))
     else:
         remove_report(out)
     return replace(load_model(out), training=run)
@@ -106,27 +103,6 @@ def _check_commands(recordings: Sequence[BagRecording]) -> None:
             f"{without[0]} has no command and {given[0]} has one: train a model on each kind of "
             "recording, or record the command in all of them"
         )
-
-
-def _scopes(recordings: Sequence[BagRecording], progress: Progress | None) -> list[RecordedScope]:
-    """Return what each recording allows, as `adk info` says it."""
-    from adk_ros.calibration.from_bag import read_streams
-    from adk_ros.calibration.scope import Possible, scope_of
-    from adk_ros.train.training_report import RecordedScope
-
-    found = []
-    for recording in recordings:
-        report = in_stage(progress, f"reading {recording.name} for its scope")
-        try:
-            content = read_streams(recording.path, recording.options, report)
-        except AdkError:
-            # The page then says nothing of this recording.
-            continue
-        scope = scope_of(content)
-        rows = [tuple(row.as_dict().values()) for row in scope]
-        is_complete = all(row.possible is Possible.YES for row in scope)
-        found.append(RecordedScope(recording.name, rows, is_complete))
-    return found
 
 
 def training_callbacks(

@@ -6,9 +6,8 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -62,37 +61,14 @@ _SETTINGS = {
 """Meaning of each setting on the page; the names are those of the manifest."""
 
 
-class RecordedScope(NamedTuple):
-    """
-    What the channels of a recording allow.
-
-    `rows`: what is wanted, how far it is possible, why not more and what would allow it, as `adk
-    info` prints them. `is_complete`: whether all of it is possible.
-    """
-
-    name: str
-    rows: Sequence[Sequence[str]]
-    is_complete: bool
-
-
 def remove_report(out: Path) -> None:
     """Remove the report of an earlier training, which describes another model."""
     for name in FILES:
         (out / name).unlink(missing_ok=True)
 
 
-def write_report(
-    run: TrainingResult,
-    out: Path,
-    *,
-    provenance: Provenance | None = None,
-    scopes: Sequence[RecordedScope] = (),
-) -> Path:
-    """
-    Write `report.html`, figures and `held_out.json` into `out`; return the page's path.
-
-    :param scopes: what each recording allows.
-    """
+def write_report(run: TrainingResult, out: Path, *, provenance: Provenance | None = None) -> Path:
+    """Write `report.html`, figures and `held_out.json` into `out`; return the page's path."""
     remove_report(out)
     figures = {}
     if run.test is not None:
@@ -124,7 +100,6 @@ def write_report(
         and not run.facts["single_track"],
         takeovers=[takeover.text for takeover in run.model.fallback.takeovers()],
         figures=figures,
-        scopes=scopes,
     )
     path = out / "report.html"
     path.write_text(text, encoding="utf-8")

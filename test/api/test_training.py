@@ -11,8 +11,7 @@ import pytest
 from helpers.train import bag
 
 import adk_ros
-from adk_ros.api.info import read_bag
-from adk_ros.api.training import _scopes, default_settings
+from adk_ros.api.training import default_settings
 
 pytestmark = pytest.mark.usefixtures("one_candidate")
 
@@ -37,7 +36,7 @@ def test_a_model_is_trained_from_recordings(
     assert steps == list(range(1, len(steps) + 1))
     assert 2 <= len(steps) <= 20
     assert "training" in stages
-    assert "What the recordings allow" in (tmp_path / "m" / "report.html").read_text()
+    assert (tmp_path / "m" / "report.html").is_file()
     assert [data["name"] for data in model.facts["data"]] == [
         recording.name,
         bag("town", 30.0).name,
@@ -46,16 +45,6 @@ def test_a_model_is_trained_from_recordings(
     assert model.training.facts["held_out"] == model.facts["held_out"]
     loaded = adk_ros.load_model(tmp_path / "m")
     assert loaded.scores.equals(model.scores)
-
-
-def test_the_scope_of_a_recording_is_that_of_info() -> None:
-    recording = adk_ros.read_recording(bag("town", 20.0))
-    (scope,) = _scopes([recording], None)
-    rows = [list(row.values()) for row in read_bag(recording.path).scope]
-    assert [list(row) for row in scope.rows] == rows
-    assert scope.name == recording.name
-    # Too short to judge anything.
-    assert not scope.is_complete
 
 
 def test_recordings_with_and_without_commands_are_not_trained_on_together(tmp_path: Path) -> None:

@@ -26,7 +26,7 @@ from adk_ros.signals.channels import STATE_NAMES, Flag
 from adk_ros.train.dataset import TEST, split_records
 from adk_ros.train.held_out import TIE
 from adk_ros.train.report_figures import REPORT_UNITS, predictor_label
-from adk_ros.train.training_report import FILES, RecordedScope, remove_report, write_report
+from adk_ros.train.training_report import FILES, remove_report, write_report
 from adk_ros.train.training_run import run_training
 
 
@@ -138,22 +138,6 @@ def test_texts_state_the_scores(page: Page) -> None:
     for key, value in facts["settings"].items():
         assert f"{key} {value} (" in page.text
     assert "handling (120 s)" in page.text
-
-
-def test_the_page_says_what_the_recordings_allow(tmp_path: Path) -> None:
-    reduced = ("predict v_x", "reduced", "torque of the command is 0 throughout", "wheel torque")
-    scopes = [
-        RecordedScope("drive <1>", [reduced], False),
-        RecordedScope("whole", [("predict v_y", "yes", "", "")], True),
-    ]
-    page = Page(write_report(small().run, tmp_path, scopes=scopes).read_text())
-    assert_self_contained(page)
-    assert_contents(page)
-    assert page.headings["scope"] == "What the recordings allow"
-    assert list(reduced) in page.rows
-    assert "drive <1>: what the channels allow, and why not more" in page.text
-    assert "whole: the channels allow everything" in page.text
-    assert page.source.count("<details open>") == 1
 
 
 def test_names_are_escaped(tmp_path: Path) -> None:
