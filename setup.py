@@ -96,7 +96,8 @@ setup(
         ],
         "tensorboard": ["tensorboard>=2.12"],
         "signature": ["cryptography>=41"],
-        "bench": ["padasip>=1.2"],
+        # What `adk bench` compares with: `latency` and `fleet --part throughput`.
+        "bench": ["joblib>=1.3", "padasip>=1.2"],
         # The linear MPC of `adk bench control`, which is left out without it.
         "control": ["osqp>=1.0"],
         "test": [

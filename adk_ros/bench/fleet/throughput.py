@@ -15,9 +15,9 @@ import psutil
 
 from adk_ros.bench.fleet.work import BusyStage, write_recordings
 from adk_ros.fleet.cluster import open_cluster
-from adk_ros.fleet.libraries import fleet_library
 from adk_ros.fleet.recordings import find_recordings
 from adk_ros.fleet.run import RunSummary, run_stage
+from adk_ros.importing.optional_library import optional_library
 
 Progress = Callable[[float, float, str], None]
 
@@ -30,9 +30,11 @@ def bench_throughput(
 
     Times are the shortest of `rounds`, s. `work_s` begins with the first recording; `total_s` has
     the start of the workers and the content hashes as well.
+
+    :raises UsageError: joblib is not installed.
     """
     times: dict[str, list[tuple[float, float]]] = {}
-    joblib = fleet_library("joblib")
+    joblib = optional_library("joblib", "adk bench fleet --part throughput", extra="bench")
     with tempfile.TemporaryDirectory() as scratch:
         paths = write_recordings(Path(scratch) / "drives", recordings)
 
