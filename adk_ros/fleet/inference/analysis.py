@@ -30,7 +30,7 @@ from adk_ros.fleet.inference.fleet_estimate import (
     estimate_fleet,
 )
 from adk_ros.fleet.inference.fleet_evidence import FleetEvidence, RecordingTags
-from adk_ros.fleet.inference.fleet_result import FleetResult, fleet_result
+from adk_ros.fleet.inference.fleet_result import FleetResult
 from adk_ros.fleet.inference.fleet_simulation import FleetSimulation
 from adk_ros.fleet.inference.linearisation_point import has_moved, rounded_size
 from adk_ros.fleet.inference.linearised_fleet import LinearisedFleet
@@ -38,6 +38,7 @@ from adk_ros.fleet.inference.nonlinear_candidates import NonlinearCandidates
 from adk_ros.fleet.inference.place_data import Place
 from adk_ros.fleet.inference.place_evidence import Cell
 from adk_ros.fleet.inference.representative_recordings import representative_recordings
+from adk_ros.fleet.inference.result_of_estimate import fleet_result
 
 MAX_PASSES, USUAL_PASSES = 6, 3
 """

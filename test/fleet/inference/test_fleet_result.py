@@ -14,7 +14,6 @@ from adk_ros.fleet.inference.evidence import column_of
 from adk_ros.fleet.inference.fleet_estimate import FleetEstimate
 from adk_ros.fleet.inference.fleet_evidence import FleetEvidence
 from adk_ros.fleet.inference.fleet_model import Candidate, FleetModel
-from adk_ros.fleet.inference.fleet_result import fleet_result
 from adk_ros.fleet.inference.fleet_selection import Selection
 from adk_ros.fleet.inference.levels import (
     CAR,
@@ -27,6 +26,7 @@ from adk_ros.fleet.inference.levels import (
     usable_levels,
 )
 from adk_ros.fleet.inference.numerical_fleet import FleetPlan, Injection, draw_fleet
+from adk_ros.fleet.inference.result_of_estimate import fleet_result
 from adk_ros.fleet.report.fleet_figures import matrix_figure, trend_figure
 
 DRAG, POWER = "aero_drag.cda", "power_limit.power"

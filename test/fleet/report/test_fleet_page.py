@@ -18,12 +18,13 @@ import yaml
 from adk_ros.errors import UsageError
 from adk_ros.fleet.inference.corrected_models import corrected_models, simulation_model
 from adk_ros.fleet.inference.fleet_estimate import FleetEstimate
-from adk_ros.fleet.inference.fleet_result import FleetResult, NotClaimed, fleet_result
+from adk_ros.fleet.inference.fleet_result import FleetResult, NotClaimed
 from adk_ros.fleet.inference.fleet_selection import Selection
 from adk_ros.fleet.inference.levels import CAR, RAMP, SHARED, Level
 from adk_ros.fleet.inference.numerical_fleet import FleetPlan, Injection, draw_fleet
 from adk_ros.fleet.inference.place_data import Place
 from adk_ros.fleet.inference.place_evidence import Cell
+from adk_ros.fleet.inference.result_of_estimate import fleet_result
 from adk_ros.fleet.report.claim_text import claim_text
 from adk_ros.fleet.report.fleet_comparison import compared_claims, write_comparison
 from adk_ros.fleet.report.fleet_page import write_fleet_page
