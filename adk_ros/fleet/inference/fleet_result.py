@@ -7,7 +7,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 
-SCHEMA = 1
+SCHEMA = 2
+"""Version of `fleet.json`; 2: with the interval of onsets, and with what the page says besides."""
 AND = " and "
 """Between the two effects of a tie that together take the place of a claim."""
 
@@ -18,7 +19,8 @@ class Claim:
     A claimed effect at a level; `size`: its parameter's difference from neutral, in its unit.
 
     Of a parameter that enters by its reciprocal, a power limit, it is the value; no limit is 1e30.
-    `evidence`: twice the logarithm of the likelihood ratio; `between_recordings` and
+    `onset_day`: of a change in time, with its 90 % interval; days count from the first recording
+    of the fleet. `evidence`: twice the logarithm of the likelihood ratio; `between_recordings` and
     `between_cars`: standard deviations of the parameter beyond noise and tolerance. `ties`: other
     effects and levels that explain the fleet as well, two that do so together joined by `AND`.
     """
@@ -32,6 +34,8 @@ class Claim:
     tag: str
     value: str
     onset_day: float | None
+    onset_low_day: float | None
+    onset_high_day: float | None
     size: float
     low: float
     high: float

@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from adk_ros.fleet.inference.assessment import Assessment, half_width
+from adk_ros.fleet.inference.assessment import half_width
 from adk_ros.fleet.inference.evidence import Column, Columns, column_of
 from adk_ros.fleet.inference.fleet_estimate import FleetEstimate
 from adk_ros.fleet.inference.fleet_model import Candidate, joint_vectors
@@ -25,6 +25,7 @@ from adk_ros.fleet.inference.fleet_result import (
 )
 from adk_ros.fleet.inference.levels import is_trend
 from adk_ros.fleet.inference.mixed_model import Term
+from adk_ros.fleet.inference.onset_interval import onset_interval
 from adk_ros.fleet.inference.ties import tied_pairs, ties_of, unclaimed
 from adk_ros.mismatch.library.effect import EffectParameter
 from adk_ros.numerics.arrays import FloatArray
@@ -57,7 +58,7 @@ def fleet_result(
         keys = [_tie_text(fleet.columns, t) for t in ties]
         for pair in tied_pairs(selection, model, one):
             keys.append(AND.join(sorted(_tie_text(fleet.columns, t) for t in pair)))
-        claims.append(_claim(estimate, one, tuple(dict.fromkeys(keys))))
+        claims.append(_claim(estimate, i, tuple(dict.fromkeys(keys))))
     at = joint_vectors(fleet, model)
     return FleetResult(
         tuple(
@@ -113,9 +114,13 @@ def _deviation(column: Column, size: float, deviation: float) -> float:
     return theta * _in_unit(p, size * column.materiality) ** 2 if p.inverse else theta
 
 
-def _claim(estimate: FleetEstimate, one: Assessment, ties: tuple[str, ...]) -> Claim:
+def _claim(estimate: FleetEstimate, number: int, ties: tuple[str, ...]) -> Claim:
+    one = estimate.claims[number]
     column = _column(estimate.fleet.columns, one.candidate.effect)
     level = one.candidate.level
+    onset: tuple[float | None, float | None, float | None] = (None, None, None)
+    if is_trend(level):
+        onset = (level.onset, *onset_interval(estimate.fleet, estimate.model, number))
     low, high = _interval(column, *one.interval)
     between_recordings, between_cars = (
         _deviation(column, one.size, deviation) for deviation in one.components
@@ -129,7 +134,7 @@ def _claim(estimate: FleetEstimate, one: Assessment, ties: tuple[str, ...]) -> C
         level.car,
         level.tag,
         level.value,
-        level.onset if is_trend(level) else None,
+        *onset,
         _in_unit(column.parameter, one.size * column.materiality),
         low,
         high,

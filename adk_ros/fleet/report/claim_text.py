@@ -36,3 +36,11 @@ def claim_text(claim: Claim | NotClaimed | PlaceClaim) -> ClaimText:
         return ClaimText(f"{text}: {written.label} {interval_text(sized, written)}", "")
     size, interval = phrase_size(effect, sized)
     return ClaimText(text.format(size=size), interval)
+
+
+def level_text(claim: Claim) -> str:
+    """Return the level of a claim, of a change in time with the 90 % interval of its onset."""
+    if claim.onset_low_day is None or claim.onset_high_day is None:
+        return claim.level
+    low, high = f"{claim.onset_low_day:.1f}", f"{claim.onset_high_day:.1f}"
+    return f"{claim.level}, onset between day {low} and {high}"

@@ -22,6 +22,9 @@ PAGE = "comparison.html"
 FIXED, NEW, CHANGED, SAME = "no longer claimed", "new", "changed", "unchanged"
 TIED = "tied: the other one is named"
 
+COMPARABLE = frozenset({1, SCHEMA})
+"""Schemas of results whose claims, places and recordings have all that is compared."""
+
 Claim = Mapping[str, Any]
 """A claim or a place of `fleet.json`."""
 
@@ -76,8 +79,10 @@ def write_comparison(
     :raises UsageError: a content is no result of a fleet.
     """
     for name, content in zip(names, (before, after), strict=True):
-        if content.get("schema") != SCHEMA:
-            raise UsageError(f"{name} is no fleet.json of this version: run the report again")
+        if content.get("schema") not in COMPARABLE:
+            raise UsageError(
+                f"{name} is no fleet.json of this version: run 'adk fleet mismatch' again"
+            )
     losses = compared_losses(before, after)
     text = render_page(
         "adk_ros.fleet.report",

@@ -10,7 +10,7 @@ import numpy as np
 
 from adk_ros.fleet.inference.fleet_result import Claim, FleetResult, NotClaimed, PlaceClaim
 from adk_ros.fleet.inference.levels import CAR, CONDITION, SHARED
-from adk_ros.fleet.report.claim_text import claim_text
+from adk_ros.fleet.report.claim_text import claim_text, level_text
 from adk_ros.mismatch.report.vocabulary import listed, title, unit_text, with_titles
 
 
@@ -21,7 +21,7 @@ def claim_rows(claims: Sequence[Claim]) -> list[list[str]]:
         text = claim_text(c)
         ties = with_titles("; ".join(c.ties)) if c.ties else "-"
         deviation = f"{c.between_cars:.1g} {unit_text(c.unit)}".strip()
-        rows.append([text.phrase, c.level, text.interval, deviation, ties])
+        rows.append([text.phrase, level_text(c), text.interval, deviation, ties])
     return rows
 
 
@@ -58,7 +58,7 @@ def summary_sentence(result: FleetResult) -> str:
         return f"{nothing} {_what_is_left(result)}"
     by_level: dict[str, list[str]] = {}
     for claim in sorted(result.claims, key=lambda c: _LEVELS.index(_group(c))):
-        by_level.setdefault(claim.level, []).append(claim_text(claim).phrase)
+        by_level.setdefault(level_text(claim), []).append(claim_text(claim).phrase)
     parts = [f"{listed(phrases)} ({level})" for level, phrases in by_level.items()]
     if result.places:
         phrases = list(dict.fromkeys(claim_text(p).phrase for p in result.places))

@@ -21,8 +21,8 @@ def claim(
     tag, value = given.get("condition", ("", ""))
     low, high = given.get("interval", (-0.2, 0.0))
     return Claim(
-        effect, "scale", "-", kind, "level", car, tag, value, None, -0.1, low, high, 30.0, 1e-9,
-        0.0, 0.0, ties,
+        effect, "scale", "-", kind, "level", car, tag, value, None, None, None, -0.1, low, high,
+        30.0, 1e-9, 0.0, 0.0, ties,
     )  # fmt: skip
 
 

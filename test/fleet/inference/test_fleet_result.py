@@ -52,6 +52,10 @@ def test_a_power_limit_is_in_watts_everywhere(tmp_path: Path) -> None:
     fleet = replace(fleet, columns=replace(fleet.columns, effects=(POWER, "payload.mass")))
     result = fleet_result(estimate_of(fleet, FleetModel((claimed(fleet, level),), {})))
     (claim,) = result.claims
+    assert claim.onset_day == 10.0
+    assert claim.onset_low_day is not None
+    assert claim.onset_high_day is not None
+    assert claim.onset_low_day <= 10.0 <= claim.onset_high_day < 40.0
     assert claim.size == pytest.approx(25e3, rel=0.15)
     # Deviations of a tenth of a threshold or so, at that size.
     for deviation in (claim.between_cars, claim.between_recordings):

@@ -89,6 +89,10 @@ def test_the_page_shows_claims_vehicles_trends_places_and_links(tmp_path: Path) 
     assert 'href="drive003/report.html"' in text
     assert 'href="corrected_all.yaml"' in text
     assert "bag is truncated" in text
+    ramp = next(c for c in result().claims if c.kind == RAMP)
+    onset = f"onset between day {ramp.onset_low_day:.1f} and {ramp.onset_high_day:.1f}"
+    assert f"{ramp.level}, {onset}" in text
+    assert onset in summary_sentence(result())
     place = result().places[0]
     assert (place.recordings, place.days, place.cars) == (10, 10, 4)
     assert "10 recordings, by 4 cars, on 10 days" in text
@@ -211,6 +215,11 @@ def test_a_comparison_says_what_an_update_mended(tmp_path: Path) -> None:
     assert "Fleet: 1.0 vs 1.1" in page.read_text()
     with pytest.raises(UsageError, match=r"no fleet\.json of this version"):
         write_comparison({"schema": 0}, after, tmp_path)
+    # Of an earlier version, before the interval of onsets.
+    earlier: dict[str, Any] = deepcopy(before) | {"schema": 1}
+    for claim in earlier["claims"]:
+        del claim["onset_low_day"], claim["onset_high_day"]
+    assert write_comparison(earlier, after, tmp_path) == page
 
 
 def test_a_comparison_knows_ties_and_places_that_touch() -> None:
