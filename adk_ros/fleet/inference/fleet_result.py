@@ -52,7 +52,8 @@ class PlaceClaim:
     A claimed effect at a place: cells with their centres (x, y), m, in the map frame.
 
     `recordings`, `days`, `cars`: numbers of those that pass there; half a day without passing
-    separates days. On a single day it may be the weather, and not the place.
+    separates days. What was seen on a single day may be the weather: it is claimed only if the
+    whole fleet is of one day.
     """
 
     effect: str
@@ -75,7 +76,8 @@ class NotClaimed:
     """
     A candidate that is not claimed.
 
-    `is_claimable`: it is significant, material and possible, but explains too little.
+    `is_claimable`: it is significant, material and possible, but explains too little, or was seen
+    at a place on one day only.
     """
 
     effect: str

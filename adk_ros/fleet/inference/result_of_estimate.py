@@ -32,7 +32,8 @@ from adk_ros.numerics.arrays import FloatArray
 from adk_ros.numerics.constants import QUANTILE_90
 
 _NIGHT = 0.5
-"""Days without a passage that separate days, by choice: half a day."""
+"""Days without a recording that separate days, by choice: half a day."""
+_OF_ONE_DAY = "passed on 1 day only, and it may be the weather: record it on another day"
 
 
 def fleet_result(
@@ -60,6 +61,7 @@ def fleet_result(
             keys.append(AND.join(sorted(_tie_text(fleet.columns, t) for t in pair)))
         claims.append(_claim(estimate, i, tuple(dict.fromkeys(keys))))
     at = joint_vectors(fleet, model)
+    places, unclaimed_places = _places(estimate)
     return FleetResult(
         tuple(
             RecordingSummary(
@@ -77,8 +79,8 @@ def fleet_result(
         ),
         tuple(fleet.car_names),
         tuple(claims),
-        tuple(_places(estimate)),
-        tuple(_not_claimed(estimate)),
+        tuple(places),
+        (*_not_claimed(estimate), *unclaimed_places),
         tuple(_vehicles(estimate)),
         tuple(_trends(estimate, at)),
         tuple((*cell.centre, count) for cell, count in estimate.visits.items()),
@@ -146,7 +148,50 @@ def _claim(estimate: FleetEstimate, number: int, ties: tuple[str, ...]) -> Claim
     )
 
 
-def _places(estimate: FleetEstimate) -> list[PlaceClaim]:
+def days_of(times: FloatArray) -> int:
+    """
+    Return on how many days something was recorded, at times in days.
+
+    Half a day without a recording separates days. Times without such a gap are as many days as
+    they last.
+    """
+    ordered = np.sort(times)
+    parts = np.split(ordered, np.flatnonzero(np.diff(ordered) > _NIGHT) + 1)
+    return sum(max(1, math.ceil(part[-1] - part[0])) for part in parts if part.size)
+
+
+def _places(estimate: FleetEstimate) -> tuple[list[PlaceClaim], list[NotClaimed]]:
+    """
+    Return the claims at places, and those that are not made.
+
+    What was seen on one day only may be the weather: it is claimed only if all recordings of the
+    fleet are of one day, or without a time.
+    """
+    found = _found_places(estimate)
+    if days_of(estimate.fleet.days) == 1:
+        return found, []
+    return (
+        [place for place in found if place.days > 1],
+        [_of_one_day(place) for place in found if place.days == 1],
+    )
+
+
+def _of_one_day(place: PlaceClaim) -> NotClaimed:
+    x, y = place.centres[0]
+    return NotClaimed(
+        place.effect,
+        place.parameter,
+        place.unit,
+        f"at a place, ({x:.0f}, {y:.0f}) m",
+        place.size,
+        place.low,
+        place.high,
+        _OF_ONE_DAY,
+        is_claimable=True,
+    )
+
+
+def _found_places(estimate: FleetEstimate) -> list[PlaceClaim]:
     out, fleet = [], estimate.fleet
     for place in estimate.places:
         passing = [fleet.names.index(name) for name in place.recordings]
@@ -162,7 +207,7 @@ def _places(estimate: FleetEstimate) -> list[PlaceClaim]:
                 high,
                 place.p_value,
                 len(passing),
-                1 + int(np.count_nonzero(np.diff(np.sort(fleet.days[passing])) > _NIGHT)),
+                days_of(fleet.days[passing]),
                 len({fleet.cars[r] for r in passing}),
                 tuple(cell.text for cell in place.cells),
                 tuple(cell.centre for cell in place.cells),

@@ -14,6 +14,7 @@ from adk_ros.fleet.inference.evidence import column_of
 from adk_ros.fleet.inference.fleet_estimate import FleetEstimate
 from adk_ros.fleet.inference.fleet_evidence import FleetEvidence
 from adk_ros.fleet.inference.fleet_model import Candidate, FleetModel
+from adk_ros.fleet.inference.fleet_result import FleetResult
 from adk_ros.fleet.inference.fleet_selection import Selection
 from adk_ros.fleet.inference.levels import (
     CAR,
@@ -26,7 +27,9 @@ from adk_ros.fleet.inference.levels import (
     usable_levels,
 )
 from adk_ros.fleet.inference.numerical_fleet import FleetPlan, Injection, draw_fleet
-from adk_ros.fleet.inference.result_of_estimate import fleet_result
+from adk_ros.fleet.inference.place_data import Place
+from adk_ros.fleet.inference.place_evidence import Cell
+from adk_ros.fleet.inference.result_of_estimate import days_of, fleet_result
 from adk_ros.fleet.report.fleet_figures import matrix_figure, trend_figure
 
 DRAG, POWER = "aero_drag.cda", "power_limit.power"
@@ -145,3 +148,41 @@ def test_another_change_point_is_no_tie() -> None:
     assert len({level.design(fleet).tobytes() for level in levels}) < len(levels)
     for level in levels:
         assert not any(other.kind == STEP for other in same_recordings(fleet, level, levels))
+
+
+@pytest.mark.parametrize(("within_day", "is_claimed"), [(False, True), (True, False)])
+def test_a_place_is_claimed_if_it_is_passed_on_two_days(
+    within_day: bool, is_claimed: bool
+) -> None:
+    fleet = draw_fleet(3, FleetPlan(effects=2, bias=0.0, deviation=0.3))
+    # The first ten recordings pass it, here within two hours.
+    hours = np.concatenate([5.0 + np.linspace(0.0, 2.0 / 24.0, 10), fleet.days[10:]])
+    days = hours if within_day else fleet.days
+    (result, one_day) = (result_at_a_place(replace(fleet, days=x)) for x in (days, 0.0 * days))
+    assert [place.days for place in result.places] == [10] * is_claimed
+    reasons = [c.reason for c in result.not_claimed if c.level == "at a place, (210, 270) m"]
+    assert len(reasons) == (not is_claimed)
+    assert all(reason.startswith("passed on 1 day only") for reason in reasons)
+    # Where no recording has a time, or all are of one day, the claim says so.
+    assert [place.days for place in one_day.places] == [1]
+
+
+def result_at_a_place(fleet: FleetEvidence) -> FleetResult:
+    place = Place("road_grade.grade", (Cell(3, 4, 0),), 6.0, 0.5, 9.0, 1e-9, fleet.names[:10])
+    return fleet_result(replace(estimate_of(fleet, FleetModel((), {})), places=(place,)))
+
+
+@pytest.mark.parametrize(
+    ("times", "days"),
+    [
+        ([3.0], 1),
+        ([3.0, 3.3, 3.4], 1),
+        ([3.0, 4.0, 3.2], 2),
+        # Around the clock: no gap of half a day.
+        (np.arange(0.0, 4.1, 0.3).tolist(), 4),
+        ([0.0, 9.0, 9.3, 9.7, 10.1], 3),
+        ([], 0),
+    ],
+)
+def test_days_of_recordings(times: list[float], days: int) -> None:
+    assert days_of(np.array(times)) == days
