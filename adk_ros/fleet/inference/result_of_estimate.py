@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from adk_ros.fleet.inference.assessment import half_width
-from adk_ros.fleet.inference.evidence import Column, Columns, column_of
+from adk_ros.fleet.inference.evidence import Column, Columns
 from adk_ros.fleet.inference.fleet_estimate import FleetEstimate
 from adk_ros.fleet.inference.fleet_model import Candidate, joint_vectors
 from adk_ros.fleet.inference.fleet_result import (
@@ -18,7 +18,6 @@ from adk_ros.fleet.inference.fleet_result import (
     Claim,
     FleetResult,
     NotClaimed,
-    PlaceClaim,
     RecordingSummary,
     TrendPoint,
     VehicleEffect,
@@ -26,14 +25,15 @@ from adk_ros.fleet.inference.fleet_result import (
 from adk_ros.fleet.inference.levels import is_trend
 from adk_ros.fleet.inference.mixed_model import Term
 from adk_ros.fleet.inference.onset_interval import onset_interval
+from adk_ros.fleet.inference.place_claims import place_claims
+from adk_ros.fleet.inference.size_units import (
+    deviation_in_unit,
+    interval_in_unit,
+    size_in_unit,
+)
 from adk_ros.fleet.inference.ties import tied_pairs, ties_of, unclaimed
-from adk_ros.mismatch.library.effect import EffectParameter
 from adk_ros.numerics.arrays import FloatArray
 from adk_ros.numerics.constants import QUANTILE_90
-
-_NIGHT = 0.5
-"""Days without a recording that separate days, by choice: half a day."""
-_OF_ONE_DAY = "passed on 1 day only, and it may be the weather: record it on another day"
 
 
 def fleet_result(
@@ -61,7 +61,7 @@ def fleet_result(
             keys.append(AND.join(sorted(_tie_text(fleet.columns, t) for t in pair)))
         claims.append(_claim(estimate, i, tuple(dict.fromkeys(keys))))
     at = joint_vectors(fleet, model)
-    places, unclaimed_places = _places(estimate)
+    places, unclaimed_places = place_claims(estimate)
     return FleetResult(
         tuple(
             RecordingSummary(
@@ -98,24 +98,6 @@ def _column(columns: Columns, effect: int) -> Column:
     return columns.column(columns.effects[effect])
 
 
-def _in_unit(p: EffectParameter, theta: float) -> float:
-    """Return a fitted variable's difference from neutral in its unit; its value if inverse."""
-    if p.inverse:
-        return p.value(max(p.theta_neutral + theta, 1e-30))
-    return theta
-
-
-def _interval(column: Column, low: float, high: float) -> tuple[float, float]:
-    values = [_in_unit(column.parameter, x * column.materiality) for x in (low, high)]
-    return min(values), max(values)
-
-
-def _deviation(column: Column, size: float, deviation: float) -> float:
-    """Return a standard deviation, of thresholds, in the unit; of an inverse to first order."""
-    p, theta = column.parameter, deviation * column.materiality
-    return theta * _in_unit(p, size * column.materiality) ** 2 if p.inverse else theta
-
-
 def _claim(estimate: FleetEstimate, number: int, ties: tuple[str, ...]) -> Claim:
     one = estimate.claims[number]
     column = _column(estimate.fleet.columns, one.candidate.effect)
@@ -123,9 +105,9 @@ def _claim(estimate: FleetEstimate, number: int, ties: tuple[str, ...]) -> Claim
     onset: tuple[float | None, float | None, float | None] = (None, None, None)
     if is_trend(level):
         onset = (level.onset, *onset_interval(estimate.fleet, estimate.model, number))
-    low, high = _interval(column, *one.interval)
+    low, high = interval_in_unit(column, *one.interval)
     between_recordings, between_cars = (
-        _deviation(column, one.size, deviation) for deviation in one.components
+        deviation_in_unit(column, one.size, deviation) for deviation in one.components
     )
     return Claim(
         column.effect.name,
@@ -137,7 +119,7 @@ def _claim(estimate: FleetEstimate, number: int, ties: tuple[str, ...]) -> Claim
         level.tag,
         level.value,
         *onset,
-        _in_unit(column.parameter, one.size * column.materiality),
+        size_in_unit(column.parameter, one.size * column.materiality),
         low,
         high,
         one.evidence,
@@ -148,88 +130,19 @@ def _claim(estimate: FleetEstimate, number: int, ties: tuple[str, ...]) -> Claim
     )
 
 
-def days_of(times: FloatArray) -> int:
-    """
-    Return on how many days something was recorded, at times in days.
-
-    Half a day without a recording separates days. Times without such a gap are as many days as
-    they last.
-    """
-    ordered = np.sort(times)
-    parts = np.split(ordered, np.flatnonzero(np.diff(ordered) > _NIGHT) + 1)
-    return sum(max(1, math.ceil(part[-1] - part[0])) for part in parts if part.size)
-
-
-def _places(estimate: FleetEstimate) -> tuple[list[PlaceClaim], list[NotClaimed]]:
-    """
-    Return the claims at places, and those that are not made.
-
-    What was seen on one day only may be the weather: it is claimed only if all recordings of the
-    fleet are of one day, or without a time.
-    """
-    found = _found_places(estimate)
-    if days_of(estimate.fleet.days) == 1:
-        return found, []
-    return (
-        [place for place in found if place.days > 1],
-        [_of_one_day(place) for place in found if place.days == 1],
-    )
-
-
-def _of_one_day(place: PlaceClaim) -> NotClaimed:
-    x, y = place.centres[0]
-    return NotClaimed(
-        place.effect,
-        place.parameter,
-        place.unit,
-        f"at a place, ({x:.0f}, {y:.0f}) m",
-        place.size,
-        place.low,
-        place.high,
-        _OF_ONE_DAY,
-        is_claimable=True,
-    )
-
-
-def _found_places(estimate: FleetEstimate) -> list[PlaceClaim]:
-    out, fleet = [], estimate.fleet
-    for place in estimate.places:
-        passing = [fleet.names.index(name) for name in place.recordings]
-        column = column_of(place.key)
-        low, high = _interval(column, *place.interval)
-        out.append(
-            PlaceClaim(
-                column.effect.name,
-                column.parameter.name,
-                column.parameter.unit,
-                _in_unit(column.parameter, place.size * column.materiality),
-                low,
-                high,
-                place.p_value,
-                len(passing),
-                days_of(fleet.days[passing]),
-                len({fleet.cars[r] for r in passing}),
-                tuple(cell.text for cell in place.cells),
-                tuple(cell.centre for cell in place.cells),
-                tuple(column_of(key).effect.name for key in place.alternatives),
-            )
-        )
-    return out
-
-
 def _not_claimed(estimate: FleetEstimate) -> list[NotClaimed]:
     out = []
     for one in unclaimed(estimate.selection.with_all_candidates(), estimate.model):
         found = one.assessment
         column = _column(estimate.fleet.columns, found.candidate.effect)
-        low, high = _interval(column, *found.interval)
+        low, high = interval_in_unit(column, *found.interval)
         out.append(
             NotClaimed(
                 column.effect.name,
                 column.parameter.name,
                 column.parameter.unit,
                 found.candidate.level.text,
-                _in_unit(column.parameter, found.size * column.materiality),
+                size_in_unit(column.parameter, found.size * column.materiality),
                 low,
                 high,
                 one.reason,
@@ -279,8 +192,8 @@ def _vehicles(estimate: FleetEstimate) -> list[VehicleEffect]:
                     column.effect.name,
                     column.parameter.name,
                     column.parameter.unit,
-                    _in_unit(column.parameter, size * column.materiality),
-                    *_interval(column, size - half, size + half),
+                    size_in_unit(column.parameter, size * column.materiality),
+                    *interval_in_unit(column, size - half, size + half),
                     size,
                     claimed,
                 )
@@ -319,9 +232,9 @@ def _trends(estimate: FleetEstimate, at: FloatArray) -> list[TrendPoint]:
                     name,
                     fleet.cars[r],
                     float(fleet.days[r]),
-                    _in_unit(column.parameter, size * column.materiality),
-                    *_interval(column, size - half, size + half),
-                    _in_unit(column.parameter, float(fitted[r]) * column.materiality),
+                    size_in_unit(column.parameter, size * column.materiality),
+                    *interval_in_unit(column, size - half, size + half),
+                    size_in_unit(column.parameter, float(fitted[r]) * column.materiality),
                 )
             )
     return out

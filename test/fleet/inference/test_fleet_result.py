@@ -27,9 +27,10 @@ from adk_ros.fleet.inference.levels import (
     usable_levels,
 )
 from adk_ros.fleet.inference.numerical_fleet import FleetPlan, Injection, draw_fleet
+from adk_ros.fleet.inference.place_claims import days_of
 from adk_ros.fleet.inference.place_data import Place
 from adk_ros.fleet.inference.place_evidence import Cell
-from adk_ros.fleet.inference.result_of_estimate import days_of, fleet_result
+from adk_ros.fleet.inference.result_of_estimate import fleet_result
 from adk_ros.fleet.report.fleet_figures import matrix_figure, trend_figure
 
 DRAG, POWER = "aero_drag.cda", "power_limit.power"
