@@ -32,6 +32,7 @@ from adk_ros.api.fleet.fleet_run import (
 )
 from adk_ros.api.fleet.identified_simulation import SimulationInputs, identified_simulation
 from adk_ros.api.fleet.lost_files import forget_lost_files
+from adk_ros.api.fleet.pass_progress import PassProgress
 from adk_ros.api.fleet.report_stage import ReportStage
 from adk_ros.bags.recording import RecordingOptions
 from adk_ros.errors import UsageError
@@ -137,11 +138,7 @@ def fleet_mismatch(
         shared = out.resolve()
         path = identified_simulation(inputs, listed, shared, limits, progress)
         known = FleetSimulation.load(path)
-
-        def report(done: float, text: str) -> None:
-            if progress is not None:
-                progress(done, 1.0, text)
-
+        in_pass = PassProgress(progress)
         unplaced: set[str] = set()
         current = CurrentEvidence(out)
         logs = shared / LOGS
@@ -161,13 +158,17 @@ def fleet_mismatch(
                 names = {x.name for x in found} if estimate is None else set(estimate.fleet.names)
                 names &= names if moved is None else set(moved)
                 usable = [recording for recording in found if recording.name in names]
-                run_stage(stage, usable, out, lambda: nullcontext(cluster()), limits, progress)
+                run_stage(stage, usable, out, lambda: nullcontext(cluster()), limits, in_pass)
                 rows, failed = current.of(stage, usable)
                 unplaced.update(row["recording"] for row in rows if row.get(UNPLACED))
                 return rows, failed
 
             analysis = analyse_fleet(
-                evidence_at, known, lambda rows: recording_tags(rows, table.tags), report
+                evidence_at,
+                known,
+                lambda rows: recording_tags(rows, table.tags),
+                in_pass.of_analysis,
+                in_pass.begin_pass,
             )
             worst = {x.name for x in analysis.result.worst(reports)}
             surrogate = shared / REPORT / "simulation.yaml"

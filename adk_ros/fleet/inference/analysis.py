@@ -57,6 +57,8 @@ _EARLY_ROUNDS = 2
 TagsOf = Callable[[Sequence[Row]], Mapping[str, RecordingTags]]
 """Rows of the recordings -> the tags of each by name."""
 Progress = Callable[[float, str], None]
+BeginPass = Callable[[int, int], None]
+"""Called at the begin of each pass with its number, from 1 on, and how many there are at most."""
 
 
 @dataclass(frozen=True)
@@ -79,6 +81,7 @@ def analyse_fleet(
     simulation: FleetSimulation,
     tags_of: TagsOf,
     progress: Progress | None = None,
+    begin_pass: BeginPass | None = None,
 ) -> FleetAnalysis:
     """
     Analyse a fleet; recordings without evidence are left out, with the reason.
@@ -89,6 +92,9 @@ def analyse_fleet(
 
     :raises DataError: no recording has evidence.
     """
+    begin = begin_pass or (lambda number, most: None)
+    # How many recordings have evidence, and so whether there is one more, is not known yet.
+    begin(1, MAX_PASSES + 1)
     fleet = _Passes(evidence_at, simulation, tags_of, progress)
     estimate = fleet.estimated(0)
     for turn in range(1, fleet.passes):
@@ -96,6 +102,7 @@ def analyse_fleet(
         if fleet.is_settled(further, turn):
             # What is only tried at its size is no claim.
             break
+        begin(turn + 1, fleet.passes)
         estimate = fleet.estimated(turn, fleet.linearised_at(further, turn))
         if turn == _EARLY_PASSES:
             estimate = fleet.widened(estimate)

@@ -102,6 +102,10 @@ def test_a_recording_that_fails_in_a_later_pass_takes_part_as_it_is(with_place: 
     plan = FleetPlan(cars=5, recordings=15, effects=2, bias=0.0, deviation=0.2, injections=(drag,))
     fleet = draw_fleet(3, plan)
     asked: list[str] = []
+    passes: list[tuple[int, int]] = []
+
+    def begin_pass(number: int, most: int) -> None:
+        passes.append((number, most))
 
     def evidence_at(
         at: FleetEstimate | None, names: Collection[str] | None
@@ -121,7 +125,10 @@ def test_a_recording_that_fails_in_a_later_pass_takes_part_as_it_is(with_place: 
 
     tags = {name: RecordingTags(c) for name, c in zip(fleet.names, fleet.cars, strict=True)}
     simulation: Any = SimpleNamespace(evidence=evidence_of(fleet, 0, SIMULATION))
-    found = analyse_fleet(evidence_at, simulation, lambda rows: tags)
+    found = analyse_fleet(evidence_at, simulation, lambda rows: tags, None, begin_pass)
+    # Of few recordings all take part in all passes, which is known after the first.
+    assert passes == [(1, MAX_PASSES + 1), *((n, MAX_PASSES) for n in range(2, len(passes) + 1))]
+    assert 3 <= len(passes) <= MAX_PASSES
     (claim,) = found.result.claims
     assert claim.effect == "aero_drag"
     assert len(found.result.places) == with_place
