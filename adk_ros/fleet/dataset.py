@@ -11,64 +11,19 @@ Only the run that holds the lock writes.
 
 from __future__ import annotations
 
-import json
 import os
 import uuid
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from adk_ros.errors import UsageError, first_line, one_line
+from adk_ros.errors import UsageError, first_line
+from adk_ros.fleet.columns import ADDED, CONTENT, LISTING, PRUNED_BY, RESULT
 from adk_ros.fleet.libraries import fleet_library
 
 RESULTS, RECORDINGS, LISTED, SCRATCH = "results", "recordings", "listed", ".writing"
 UNREADABLE = "unreadable "
 """Begin of what replaces the content hash of a recording that could not be read."""
-
-FINDING = {
-    "finding": "string",
-    "kind": "string",
-    "channel": "string",
-    "horizon_s": "float64",
-    "condition": "string",
-    "value": "float64",
-    "low": "float64",
-    "high": "float64",
-    "unit": "string",
-    "text": "string",
-    "details": "string",
-}
-"""Columns that a stage may fill: what was found, with its 90 % interval; details are JSON."""
-
-RESULT = {
-    "recording": "string",
-    "uri": "string",
-    "content_hash": "string",
-    "key": "string",
-    "code_version": "string",
-    "inputs_hash": "string",
-    "status": "string",
-    "failure": "string",
-    "reason": "string",
-    "seconds": "float64",
-    "memory_mib": "float64",
-    "bytes": "int64",
-    "written_s": "float64",
-} | FINDING
-"""
-Columns of the results. `status`: ok or failed, with `failure` (engine.Failure) and `reason`;
-`seconds` and `memory_mib`: duration and peak memory of the work; `bytes`: size of the recording;
-`written_s`: when, s since 1970.
-"""
-
-PRUNED_BY = ("recording", "key", "code_version", "inputs_hash")
-"""Columns by which rows are removed."""
-
-CONTENT = {"uri": "string", "version": "string", "content_hash": "string", "bytes": "int64"}
-"""Columns of the content hashes."""
-
-LISTING = {"recording": "string", "content_hash": "string", "key": "string"}
-"""Columns of the listing of a stage: content and key of each recording at its last run."""
 
 
 class FleetDataset:
@@ -182,6 +137,31 @@ class FleetDataset:
                 chosen = [row for row, is_one in zip(rows, kept, strict=True) if is_one]
                 self._write(path.parent, RESULT, chosen, path.name)
 
+    def add_missing_columns(self) -> None:
+        """
+        Write files of earlier versions again, with the columns that they lack; raises as `append`.
+
+        Others read a folder as one table, for which its files need the same columns. The first
+        file of a stage is the last one to be written, so that it tells whether all are.
+        """
+        for folder in sorted((self._out / RESULTS).glob("stage=*")):
+            parts = list(_parts(folder))
+            if not parts or not self._lacks_columns(parts[0]):
+                continue
+            for path in reversed(parts):
+                if self._lacks_columns(path):
+                    self._write(folder, RESULT, self._read(path, list(RESULT)), path.name)
+
+    def _lacks_columns(self, path: Path) -> bool:
+        """Whether a file is one of an earlier version."""
+        try:
+            names = self._from_file(path, lambda content: content.schema_arrow.names)
+        except UsageError:
+            # The stage that reads it says so.
+            return False
+        missing = set(RESULT) - set(names)
+        return bool(missing) and missing <= ADDED
+
     def _remove(self, path: Path) -> None:
         try:
             path.unlink(missing_ok=True)
@@ -244,18 +224,38 @@ class FleetDataset:
         columns: list[str],
         where: Mapping[str, Collection[str]] | None = None,
     ) -> Any:
+        def chosen(content: Any) -> Any:
+            if not where:
+                return self._columns(content, columns)
+            # Details are most of a file, and the files of other inputs have no row.
+            selected = self._selected(self._columns(content, list(where)), where)
+            if selected.true_count == 0:
+                return self.table({name: RESULT[name] for name in columns}, [])
+            return self._columns(content, columns).filter(selected)
+
+        return self._from_file(path, chosen)
+
+    def _columns(self, content: Any, names: list[str]) -> Any:
+        """Return columns of an open file; those that earlier versions did not write are empty."""
+        lacking = (ADDED & set(names)) - set(content.schema_arrow.names)
+        # Without any column, a table would have no rows.
+        table = content.read(columns=[name for name in names if name not in lacking] or ["key"])
+        for name in lacking:
+            empty = self._arrow.nulls(table.num_rows, self._arrow.string())
+            table = table.append_column(name, empty)
+        return table.select(names)
+
+    def _from_file(self, path: Path, read: Callable[[Any], Any]) -> Any:
+        """
+        Return what `read` returns of an open Parquet file.
+
+        :raises UsageError: it cannot be read, or is none of this dataset.
+        """
         try:
             # Arrow's threads free buffers of a Python file under the interpreter's lock; one that
             # waits for it when the interpreter ends aborts the process.
             with self._arrow.OSFile(str(path), "rb") as file:
-                content = self._parquet.ParquetFile(file)
-                if not where:
-                    return content.read(columns=columns).select(columns)
-                # Details are most of a file, and the files of other inputs have no row.
-                chosen = self._selected(content.read(columns=list(where)), where)
-                if chosen.true_count == 0:
-                    return self.table({name: RESULT[name] for name in columns}, [])
-                return content.read(columns=columns).filter(chosen)
+                return read(self._parquet.ParquetFile(file))
         except MemoryError:
             raise
         except Exception as error:  # the parser may raise anything on a file of a stranger
@@ -274,29 +274,6 @@ class FleetDataset:
             column = table[name].combine_chunks()
             chosen = self._compute.and_(chosen, self._compute.is_in(column, value_set=wanted))
         return chosen
-
-
-def checked_row(row: Mapping[str, Any]) -> dict[str, Any]:
-    """
-    Return a row of a stage as it is stored: details as JSON, texts of one line.
-
-    :raises ValueError: it has a column that is not in `FINDING`, or a value of another type.
-    """
-    if unknown := sorted(set(row) - set(FINDING)):
-        raise ValueError(f"column {', '.join(unknown)} is not among {', '.join(FINDING)}")
-    stored: dict[str, Any] = {}
-    for name, value in row.items():
-        if value is None:
-            continue
-        if name == "details":
-            stored[name] = value if isinstance(value, str) else json.dumps(value, sort_keys=True)
-        elif FINDING[name] == "float64":
-            stored[name] = float(value)
-        elif isinstance(value, str):
-            stored[name] = one_line(value) if name == "text" else value
-        else:
-            raise ValueError(f"column {name} is {type(value).__name__}, not text")
-    return stored
 
 
 def remove_unfinished(out: Path) -> None:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from adk_ros.errors import AdkError
-from adk_ros.fleet.dataset import checked_row
+from adk_ros.fleet.columns import checked_row
 from adk_ros.fleet.recordings import (
     FleetRecording,
     check_unchanged,

@@ -91,6 +91,7 @@ def run_stage(
     with run_lock(out):
         remove_unfinished(out)
         dataset = FleetDataset(out)
+        dataset.add_missing_columns()
         hashes = dataset.content_hashes(readable=limits.retry_failed)
         version = version_of(stage)
         found = plan(version, recordings, hashes, dataset, limits.retry_failed)
@@ -204,6 +205,7 @@ def result_rows(version: StageVersion, work: Work, reply: Reply) -> list[dict[st
             "key": work.key,
             "code_version": version.code_version,
             "inputs_hash": version.inputs_of(recording.name),
+            "model_hash": version.model_hash,
             "status": "failed" if reply.failure else "ok",
             "failure": reply.failure.value if reply.failure else None,
             "reason": reply.reason or None,

@@ -37,7 +37,7 @@ class Stage(Protocol):
 
     def run(self, path: Path, recording: str) -> list[dict[str, Any]]:
         """
-        Return the findings of a recording, one row each, with columns of `dataset.FINDING`.
+        Return the findings of a recording, one row each, with columns of `columns.FINDING`.
 
         :param path: the recording on the local disk. :param recording: its name in the fleet.
         :raises AdkError: the recording is unusable; the text becomes the reason of its row.
@@ -74,6 +74,22 @@ class KeepingStage(Stage, Protocol):
         """
 
 
+class ModelStage(Stage, Protocol):
+    """A stage that compares recordings with a model or a simulation."""
+
+    @property
+    def model_hash(self) -> str:
+        """Hash of the model or simulation, by which its results are selected."""
+
+    def inputs_of_model(self, model_hash: str) -> str:
+        """Return `inputs_hash`, given that of the model: a bag of gigabytes is read once."""
+
+
+def has_model(stage: Stage) -> TypeGuard[ModelStage]:
+    """Whether a stage is a `ModelStage`, by its class: see `keeps_recordings`."""
+    return hasattr(type(stage), "inputs_of_model")
+
+
 def keeps_recordings(stage: Stage) -> TypeGuard[KeepingStage]:
     """
     Whether a stage is a `KeepingStage`.
@@ -94,12 +110,14 @@ class StageVersion:
     Stage, code and inputs: all that the results of a run depend on besides the recordings.
 
     `recording_inputs`: name of a recording -> hash of the inputs of this one, "" for none.
+    `model_hash`: of the model or simulation, which is part of `inputs_hash`; "" without one.
     """
 
     name: str
     code_version: str
     inputs_hash: str
     recording_inputs: Callable[[str], str] = _no_inputs
+    model_hash: str = ""
 
     def inputs_of(self, recording: str) -> str:
         """
@@ -122,7 +140,12 @@ def version_of(stage: Stage) -> StageVersion:
 
     :raises UsageError: an input cannot be read.
     """
-    version = StageVersion(stage.name, code_digest(), stage.inputs_hash)
+    if has_model(stage):
+        model = stage.model_hash
+        inputs = stage.inputs_of_model(model)
+        version = StageVersion(stage.name, code_digest(), inputs, model_hash=model)
+    else:
+        version = StageVersion(stage.name, code_digest(), stage.inputs_hash)
     if isinstance(stage, StagePerRecording):
         return replace(version, recording_inputs=stage.recording_inputs())
     return version

@@ -19,16 +19,18 @@ from adk_ros.api.explain import explain
 from adk_ros.api.fleet.default_rates import DEFAULT_CORE_S
 from adk_ros.api.fleet.explain_stage import ExplainStage
 from adk_ros.api.fleet.fleet_run import FleetOptions, estimate_fleet, run_fleet
-from adk_ros.api.fleet.index_stage import IndexStage
+from adk_ros.api.fleet.index_stage import IndexStage, file_hash
 from adk_ros.api.fleet.mismatch_estimate import _is_reported
 from adk_ros.api.fleet.replay_stage import ReplayStage
 from adk_ros.api.fleet.report_stage import ReportStage
 from adk_ros.api.fleet.results import fleet_frame, fleet_summary
 from adk_ros.bags.recording import RecordingOptions
 from adk_ros.cli.main import main
-from adk_ros.fleet.dataset import FleetDataset, checked_row
+from adk_ros.fleet.columns import checked_row
+from adk_ros.fleet.dataset import FleetDataset
 from adk_ros.fleet.recordings import find_recordings
 from adk_ros.fleet.run import RunSummary
+from adk_ros.fleet.stage import version_of
 
 
 @pytest.fixture
@@ -49,6 +51,8 @@ def test_index(drives, tmp_path, capsys) -> None:
     town = frame[frame["recording"] == "town"]
     assert set(town["vehicle"]) == {"car 1"}
     assert set(town["rain"]) == {"yes"}
+    # No model takes part in it.
+    assert set(frame["model_hash"]) == {""}
     duration = town[town["finding"] == "duration"]
     assert float(duration["value"].iloc[0]) == pytest.approx(30.0, abs=0.1)
     assert {"content", "usable", "scope", "check"} <= set(town["kind"])
@@ -221,6 +225,27 @@ def test_the_hash_of_the_inputs(tmp_path) -> None:
     assert before != ReportStage(str(simulation), "reports").inputs_hash
     simulation.write_text("b")
     assert before != stage.inputs_hash
+
+
+def test_the_model_is_hashed_once_for_a_run(tmp_path, monkeypatch) -> None:
+    simulation = tmp_path / "sim.yaml"
+    hashed: list[str] = []
+
+    def counted(path):
+        hashed.append(path)
+        return file_hash(path)
+
+    monkeypatch.setattr("adk_ros.api.fleet.explain_stage.file_hash", counted)
+    simulation.write_text("a")
+    stage = ExplainStage(str(simulation), "imdv")
+    version = version_of(stage)
+    assert hashed == [str(simulation), "imdv"]
+    assert version.inputs_hash == stage.inputs_hash
+    assert version.model_hash == file_hash(str(simulation))
+    # Another vehicle or topic is another result of the same model.
+    other = version_of(ExplainStage(str(simulation), options=RecordingOptions(imu="/imu_2")))
+    assert other.inputs_hash != version.inputs_hash
+    assert other.model_hash == version.model_hash
 
 
 def test_named_topics_reach_the_checks() -> None:

@@ -14,6 +14,7 @@ import pytest
 from helpers.fleet_results import filled
 
 from adk_ros.api.fleet.fleet_run import FleetEstimate
+from adk_ros.api.fleet.index_stage import file_hash
 from adk_ros.api.fleet.replay_stage import ReplayStage, surprise_rows
 from adk_ros.api.fleet.replay_summary import replay_summary
 from adk_ros.cli.fleet_run import print_estimate
@@ -77,6 +78,19 @@ def test_squares_are_averaged_over_rollouts(stage: ReplayStage, tmp_path: Path) 
     assert one.errors[0].value == 1.0
     other = ReplayStage(str(tmp_path / "drives"), stage.options)
     assert replay_summary(tmp_path / "out", other, recordings).errors == ()
+
+
+def test_rows_are_selected_by_the_model(stage: ReplayStage, tmp_path: Path) -> None:
+    other = tmp_path / "other"
+    other.mkdir()
+    (other / "arrays.npz").write_text("weights")
+    dataset = filled(tmp_path / "drives", tmp_path / "out", ReplayStage(str(other)))
+    chosen = [file_hash(model) for model in (stage.model, str(other))]
+    assert {row["model_hash"] for row in dataset.rows("replay")} == set(chosen)
+    for each in chosen:
+        assert {row["recording"] for row in dataset.rows("replay", {"model_hash": [each]})} == {
+            *ERRORS
+        }
 
 
 def test_a_copy_counts_once(stage: ReplayStage, tmp_path: Path) -> None:

@@ -19,15 +19,14 @@ import pandas as pd
 import polars as pl
 import pytest
 from helpers.fleet import text_fleet, text_stage
+from pyarrow.parquet import (  # type: ignore[import-untyped, unused-ignore]
+    ParquetFile,
+    write_table,
+)
 
 from adk_ros.errors import UsageError
-from adk_ros.fleet.dataset import (
-    RESULT,
-    SCRATCH,
-    FleetDataset,
-    checked_row,
-    remove_unfinished,
-)
+from adk_ros.fleet.columns import RESULT, checked_row
+from adk_ros.fleet.dataset import SCRATCH, FleetDataset, remove_unfinished
 from adk_ros.fleet.plan import Work, plan
 from adk_ros.fleet.recordings import content_hash
 from adk_ros.fleet.run import _Writer, duration_text, result_rows
@@ -159,6 +158,58 @@ def test_rows_of_a_stage_are_checked() -> None:
         checked_row({"x": 1})
     with pytest.raises(ValueError, match="column finding is int"):
         checked_row({"finding": 1})
+
+
+def as_earlier(path):
+    """Write a file of results again as the versions before the column model_hash did."""
+    write_table(ParquetFile(path).read().drop_columns(["model_hash"]), path)
+
+
+def test_files_without_the_hash_of_the_model_are_results(tmp_path) -> None:
+    dataset, stage, recordings, hashes = filled(tmp_path)
+    parts = sorted(dataset.folder("text").iterdir())
+    assert len(parts) == 2
+    before = [row | {"model_hash": None} for row in dataset.rows("text")]
+    for path in parts:
+        as_earlier(path)
+    dataset.append("text", [{"recording": "new", "key": "k", "model_hash": "m"}])
+    assert dataset.rows("text", {"recording": ["a.mcap", "b.mcap"]}) == before
+    assert [row["recording"] for row in dataset.rows("text", {"model_hash": ["m"]})] == ["new"]
+    column = dataset.columns("text", ["model_hash"]).column("model_hash").to_pylist()
+    assert sorted(map(str, column)) == ["None", "None", "m"]
+    found = plan(version_of(stage), recordings, hashes, dataset)
+    assert (found.done, len(found.missing)) == (2, 1)
+
+
+def test_a_folder_of_two_versions_becomes_one_table(tmp_path, monkeypatch) -> None:
+    """Polars and DuckDB refuse files with different columns."""
+    dataset, *_ = filled(tmp_path)
+    dataset.folder("index").mkdir()
+    (dataset.folder("index") / "part-x.parquet").write_bytes(b"of another")
+    first, second = sorted(dataset.folder("text").iterdir())
+    as_earlier(first)
+    as_earlier(second)
+    write, written = FleetDataset._write, []
+
+    def interrupted(self, folder, columns, rows, name=None):
+        if written:
+            raise KeyboardInterrupt
+        written.append(name)
+        write(self, folder, columns, rows, name)
+
+    monkeypatch.setattr(FleetDataset, "_write", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        dataset.add_missing_columns()
+    monkeypatch.undo()
+    # The first file tells whether all are written again: it is the last one.
+    assert written == [second.name]
+    dataset.add_missing_columns()
+    frame = pl.read_parquet(str(dataset.folder("text") / "*.parquet"))
+    assert set(frame.columns) >= set(RESULT)
+    assert sorted(frame["status"]) == ["failed", "ok"]
+    known = first.stat().st_mtime_ns
+    dataset.add_missing_columns()
+    assert first.stat().st_mtime_ns == known
 
 
 def test_a_copy_has_rows_of_its_own(tmp_path) -> None:

@@ -4,7 +4,8 @@
 
 from pathlib import Path
 
-from adk_ros.fleet.dataset import FleetDataset, checked_row
+from adk_ros.fleet.columns import checked_row
+from adk_ros.fleet.dataset import FleetDataset
 from adk_ros.fleet.plan import plan
 from adk_ros.fleet.recordings import content_hash, find_recordings
 from adk_ros.fleet.run import result_rows

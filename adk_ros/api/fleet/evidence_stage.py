@@ -49,9 +49,18 @@ class EvidenceStage:
     name: str = "evidence"
 
     @property
+    def model_hash(self) -> str:
+        """Hash of the identified simulation."""
+        return file_hash(self.simulation)
+
+    @property
     def inputs_hash(self) -> str:
         """Hash of the simulation, of topics and sensor configuration."""
-        return hash_of([file_hash(self.simulation), self.without_imu, asdict(self.options)])
+        return self.inputs_of_model(self.model_hash)
+
+    def inputs_of_model(self, model_hash: str) -> str:
+        """Return `inputs_hash`, given that of the simulation."""
+        return hash_of([model_hash, self.without_imu, asdict(self.options)])
 
     def recording_inputs(self) -> Callable[[str], str]:
         """Return name of a recording -> hash of the estimate at which it is linearised."""

@@ -35,9 +35,18 @@ class ExplainStage:
     name: str = "explain"
 
     @property
+    def model_hash(self) -> str:
+        """Hash of the bag of the simulator, or of its vehicle file."""
+        return file_hash(self.simulation)
+
+    @property
     def inputs_hash(self) -> str:
         """Hash of the simulation, the vehicle file, topics and sensor configuration."""
-        files = [file_hash(self.simulation), file_hash(self.vehicle)]
+        return self.inputs_of_model(self.model_hash)
+
+    def inputs_of_model(self, model_hash: str) -> str:
+        """Return `inputs_hash`, given that of the simulation."""
+        files = [model_hash, file_hash(self.vehicle)]
         return hash_of([*files, self.without_imu, asdict(self.options)])
 
     @property

@@ -45,9 +45,18 @@ class ReplayStage:
     name: str = "replay"
 
     @property
+    def model_hash(self) -> str:
+        """Hash of the model folder."""
+        return file_hash(self.model)
+
+    @property
     def inputs_hash(self) -> str:
         """Hash of the model, topics and sensor configuration."""
-        return hash_of([file_hash(self.model), self.options and asdict(self.options)])
+        return self.inputs_of_model(self.model_hash)
+
+    def inputs_of_model(self, model_hash: str) -> str:
+        """Return `inputs_hash`, given that of the model."""
+        return hash_of([model_hash, self.options and asdict(self.options)])
 
     @property
     def shared_paths(self) -> tuple[str, ...]:

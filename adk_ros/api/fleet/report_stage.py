@@ -41,9 +41,18 @@ class ReportStage:
         return replace(self, content=content_hash)
 
     @property
+    def model_hash(self) -> str:
+        """Hash of the vehicle file of the surrogate."""
+        return file_hash(self.simulation)
+
+    @property
     def inputs_hash(self) -> str:
         """Hash of the simulation, topics and sensor configuration."""
-        return hash_of([file_hash(self.simulation), self.without_imu, asdict(self.options)])
+        return self.inputs_of_model(self.model_hash)
+
+    def inputs_of_model(self, model_hash: str) -> str:
+        """Return `inputs_hash`, given that of the simulation."""
+        return hash_of([model_hash, self.without_imu, asdict(self.options)])
 
     @property
     def shared_paths(self) -> tuple[str, ...]:

@@ -10,7 +10,8 @@ from typing import Any
 import pandas as pd
 
 from adk_ros.errors import UsageError
-from adk_ros.fleet.dataset import LISTING, RESULT, RESULTS, FleetDataset
+from adk_ros.fleet.columns import LISTING, RESULT
+from adk_ros.fleet.dataset import RESULTS, FleetDataset
 from adk_ros.fleet.tags import TAGS_FILE, stored_tags
 
 _CHOSEN_BY = ["recording", "content_hash", "key", "written_s"]
@@ -38,7 +39,7 @@ def fleet_frame(out: Path | str, stage: str) -> pd.DataFrame:
     Of each recording those of its content and of the model or simulation at its last run; if that
     run has not come to it, the newest of this content.
 
-    Columns: those of `fleet.dataset.RESULT`, then vehicle, time_s and the tags of fleet.csv; a tag
+    Columns: those of `fleet.columns.RESULT`, then vehicle, time_s and the tags of fleet.csv; a tag
     with the name of another column gets "_tag" after it.
     """
     frame = _current(out, stage, list(RESULT))
