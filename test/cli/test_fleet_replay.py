@@ -16,7 +16,8 @@ from helpers.fleet_results import filled
 from adk_ros.api.fleet.fleet_run import FleetEstimate
 from adk_ros.api.fleet.index_stage import file_hash
 from adk_ros.api.fleet.replay_stage import ReplayStage, surprise_rows
-from adk_ros.api.fleet.replay_summary import replay_summary
+from adk_ros.api.fleet.replay_summary import PooledError, ReplaySummary, replay_summary
+from adk_ros.cli.fleet_replay import print_replay
 from adk_ros.cli.fleet_run import print_estimate
 from adk_ros.cli.main import main
 from adk_ros.cli.options import read_options
@@ -139,6 +140,44 @@ def test_table_and_json(stage: ReplayStage, tmp_path: Path, capsys) -> None:
     assert content["surprises"][1] == {
         "recording": "b.mcap", "from_s": 0.0, "channel": "v_y", "value": 8.0
     }  # fmt: skip
+
+
+TAGS = "recording,vehicle,time,load,rain,serial\na,car 1,,full,yes,\nb,car 2,,full,[no],7\n"
+
+
+def test_errors_are_pooled_by_the_tags_of_fleet_csv(
+    stage: ReplayStage, tmp_path: Path, capsys
+) -> None:
+    (tmp_path / "drives" / "fleet.csv").write_text(TAGS)
+    given = ["fleet", "replay", str(tmp_path / "drives"), "--model", stage.model]
+    given += ["--out", str(tmp_path / "out"), "--cluster", "tcp://nowhere:1"]
+    assert main([*given, "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)["errors_by_tag"]
+    assert {tag: list(by) for tag, by in found.items()} == {
+        "load": ["full"], "rain": ["[no]", "yes"], "serial": ["7"]
+    }  # fmt: skip
+    (first, _) = found["load"]["full"]
+    pooled = math.sqrt((10 * 1.0 + 30 * 4.0) / 40)
+    assert first["value"] == pytest.approx(pooled)
+    assert (first["horizon_s"], first["count"], first["recordings"]) == (1.0, 40, 2)
+    assert [each["value"] for each in found["rain"]["yes"]] == [1.0, 2.0]
+    assert [each["recordings"] for each in found["rain"]["[no]"]] == [1, 1]
+    assert main(given) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert any(line.startswith("RMSE by column of fleet.csv") for line in lines)
+    rows = [line.split() for line in lines if " = " in line]
+    # Recordings and rollouts, then km/h at 1 and 2 s.
+    assert ["rain", "=", "yes", "1", "10", "v_x,", "km/h", "3.6", "7.2"] in rows
+    assert ["rain", "=", "[no]", "1", "30", "v_x,", "km/h", "7.2", "14.4"] in rows
+    assert ["load", "=", "full", "2", "40", "v_x,", "km/h", "6.49", "12.98"] in rows
+
+
+def test_a_number_for_each_recording_is_no_condition(capsys) -> None:
+    error = PooledError("v_x", 1.0, "", 1.0, "m/s", 10, 1)
+    print_replay(ReplaySummary((), (), {"mass": {str(i): (error,) for i in range(11)}}))
+    printed = capsys.readouterr()
+    assert "mass =" not in printed.out
+    assert "mass has 11 values: give it as classes, or see --json" in printed.err
 
 
 def test_a_minute_of_a_few_predictions_is_not_listed() -> None:

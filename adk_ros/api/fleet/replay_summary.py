@@ -7,7 +7,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +16,7 @@ from adk_ros.fleet.dataset import FleetDataset
 from adk_ros.fleet.plan import content_of, current_rows, distinct_rows
 from adk_ros.fleet.recordings import FleetRecording
 from adk_ros.fleet.stage import version_of
+from adk_ros.fleet.tags import TAGS_FILE, Tags, stored_tags
 from adk_ros.signals.channels import STATE_NAMES
 
 
@@ -52,15 +53,27 @@ class SurprisingMinute:
 
 @dataclass(frozen=True)
 class ReplaySummary:
-    """Errors by condition, channel and horizon, and the minutes of the largest innovations."""
+    """
+    Errors by condition, channel and horizon, and the minutes of the largest innovations.
+
+    `errors_by_tag`: column of fleet.csv -> its value -> errors of the recordings with it, over all
+    their driving conditions.
+    """
 
     errors: tuple[PooledError, ...]
     surprises: tuple[SurprisingMinute, ...]
+    errors_by_tag: Mapping[str, Mapping[str, tuple[PooledError, ...]]] = field(
+        default_factory=dict
+    )
 
     def as_dict(self) -> dict[str, Any]:
         """Return the summary for JSON."""
         return {
             "errors": [dict(vars(each)) for each in self.errors],
+            "errors_by_tag": {
+                tag: {value: [dict(vars(each)) for each in found] for value, found in by.items()}
+                for tag, by in self.errors_by_tag.items()
+            },
             "surprises": [dict(vars(each)) for each in self.surprises],
         }
 
@@ -68,14 +81,40 @@ class ReplaySummary:
 def replay_summary(
     out: Path, stage: ReplayStage, recordings: Sequence[FleetRecording]
 ) -> ReplaySummary:
-    """Return what a stage says of recordings as they are now, of each content once."""
+    """
+    Return what a stage says of recordings as they are now, of each content once.
+
+    Tags are those that are kept with the results.
+
+    :raises UsageError: the table of the tags cannot be read.
+    """
     kinds = {"kind": ["error", "surprise"]}
     found = current_rows(version_of(stage), recordings, FleetDataset(out), kinds)
     rows, _ = distinct_rows(found, content_of)
+    errors = [row for row in rows if row["kind"] == "error"]
+    path = out / TAGS_FILE
+    tags = stored_tags(path, [each.name for each in recordings]) if path.is_file() else {}
     return ReplaySummary(
-        _pooled(row for row in rows if row["kind"] == "error"),
+        _pooled(errors),
         _minutes(row for row in rows if row["kind"] == "surprise"),
+        _pooled_by_tag(errors, tags),
     )
+
+
+def _pooled_by_tag(
+    rows: Iterable[Mapping[str, Any]], tags: Mapping[str, Tags]
+) -> dict[str, dict[str, tuple[PooledError, ...]]]:
+    """Return the errors over all driving conditions by tag and its value; "" is no value."""
+    groups: dict[str, dict[str, list[Mapping[str, Any]]]] = {}
+    for row in rows:
+        if row["condition"] == "":
+            for tag, value in tags.get(row["recording"], Tags()).conditions.items():
+                if value:
+                    groups.setdefault(tag, {}).setdefault(value, []).append(row)
+    return {
+        tag: {value: _pooled(groups[tag][value]) for value in sorted(groups[tag])}
+        for tag in sorted(groups)
+    }
 
 
 def _pooled(rows: Iterable[Mapping[str, Any]]) -> tuple[PooledError, ...]:
