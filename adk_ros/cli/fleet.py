@@ -234,6 +234,8 @@ def report(
     """
     Summarise the results: recordings, failures with reasons, findings by number of recordings.
 
+    Writes the page of 'adk fleet mismatch' again from its result, without analysis.
+
     Example: adk fleet report fleet
     """
     from adk_ros.api.fleet.results import fleet_summary
@@ -241,6 +243,7 @@ def report(
     summary = fleet_summary(out)
     if as_json:
         console.print_json(summary)
+        _rewrite_page(out)
         return
     for stage in summary:
         failed = sum(stage["failed"].values())
@@ -254,9 +257,23 @@ def report(
             console.output.print(f"  failed: {name}: {reason}", markup=False)
         for kind, finding, count in stage["findings"]:
             console.output.print(f"  {kind}: {finding}: {count} recordings", markup=False)
-    page = out / "report" / "fleet.html"
-    if page.is_file():
+    if page := _rewrite_page(out):
         console.output.print(f"page of 'adk fleet mismatch': {page}", markup=False)
+
+
+def _rewrite_page(out: Path) -> Path | None:
+    """Return the page of 'adk fleet mismatch', written again if its result is there."""
+    from adk_ros.api.fleet.fleet_mismatch import REPORT
+    from adk_ros.api.fleet.stored_report import rewrite_report
+    from adk_ros.fleet.report.file_names import PAGE
+
+    page = out / REPORT / PAGE
+    try:
+        rewrite_report(out)
+    except UsageError as error:
+        # While another run works in the folder, or where it cannot be written.
+        console.note(f"the page is not written again: {error}")
+    return page if page.is_file() else None
 
 
 app.command()(train)

@@ -36,13 +36,12 @@ from adk_ros.cli.options import (
     read_options,
 )
 from adk_ros.errors import UsageError
+from adk_ros.fleet.report.file_names import DATA
 
 if TYPE_CHECKING:
     from adk_ros.api.fleet.fleet_mismatch import FleetMismatch
     from adk_ros.api.fleet.fleet_run import FleetOptions
     from adk_ros.bags.recording import RecordingOptions
-
-_DATA = "fleet.json"
 
 
 def mismatch(
@@ -82,7 +81,11 @@ def mismatch(
     ] = None,
     retry_failed: RetryOption = False,
     reports: Annotated[
-        int, typer.Option(help="recordings that get a report of their own: those explained worst")
+        int,
+        typer.Option(
+            help="recordings that get a report as of 'adk mismatch', those explained worst; the "
+            "page links all reports that exist"
+        ),
     ] = 5,
     dry_run: DryRunOption = False,
     as_json: JsonOption = False,
@@ -116,7 +119,7 @@ def mismatch(
         simulated_with, further_simulation or (),
     )  # fmt: skip
     if as_json:
-        console.print_json(json.loads((found.page.parent / _DATA).read_text(encoding="utf-8")))
+        console.print_json(json.loads((found.page.parent / DATA).read_text(encoding="utf-8")))
         return
     _show(found)
 
@@ -136,7 +139,7 @@ def compare(
 
     contents = []
     for folder in (before, after):
-        path = folder / REPORT / _DATA
+        path = folder / REPORT / DATA
         try:
             contents.append(json.loads(path.read_text(encoding="utf-8")))
         except (OSError, ValueError):

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import json
 import os
 import shutil
@@ -13,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers.fleet_results import filled
+from helpers.small_fleet_result import small_result
 from helpers.train import bag, refused, small
 
 from adk_ros.api.explain import explain
@@ -29,6 +31,7 @@ from adk_ros.cli.main import main
 from adk_ros.fleet.columns import checked_row
 from adk_ros.fleet.dataset import FleetDataset
 from adk_ros.fleet.recordings import find_recordings
+from adk_ros.fleet.report.fleet_page import write_fleet_page
 from adk_ros.fleet.run import RunSummary
 from adk_ros.fleet.stage import version_of
 
@@ -186,6 +189,38 @@ def test_the_summary_names_the_page(drives, tmp_path, capsys) -> None:
     (out / "report" / "fleet.html").write_text("<html></html>")
     assert main(["fleet", "report", str(out)]) == 0
     assert "page of 'adk fleet mismatch':" in capsys.readouterr().out
+
+
+@pytest.mark.usefixtures("unrendered")
+def test_the_report_writes_the_page_again(drives, tmp_path, capsys) -> None:
+    out = tmp_path / "out"
+    filled(drives, out, IndexStage())
+    (out / "report").mkdir()
+    page = write_fleet_page(small_result(), out / "report")
+    text, lines = page.read_text(), [f"page of 'adk fleet mismatch': {page}"]
+    page.unlink()
+    assert main(["fleet", "report", str(out)]) == 0
+    assert capsys.readouterr().out.splitlines()[-1:] == lines
+    assert page.read_text() == text
+    page.unlink()
+    assert main(["fleet", "report", str(out), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)[0]["stage"] == "index"
+    assert page.read_text() == text
+    # While a run works in the folder, the page stays as it is.
+    page.write_text("earlier")
+    with (out / ".lock").open("a") as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        assert main(["fleet", "report", str(out)]) == 0
+    said = capsys.readouterr()
+    assert "the page is not written again:" in said.err
+    assert "is in use by" in said.err
+    assert said.out.splitlines()[-1:] == lines
+    assert page.read_text() == "earlier"
+    (out / "report" / "fleet.json").write_text('{"schema": 1}')
+    assert main(["fleet", "report", str(out)]) == 3
+    said = capsys.readouterr()
+    assert "index: 2 recordings, 1 failed" in said.out
+    assert "fleet.json is of another version of adk_ros (schema 1, not 2)" in said.err
 
 
 def test_a_run_with_nothing_to_do_starts_no_worker(drives, tmp_path, capsys) -> None:

@@ -104,8 +104,8 @@ def fleet_mismatch(
         surrogate of the simulation feigns there in all cars is known then.
     :param recording_options: topics and sensor configuration of the bags.
     :param simulation_options: those of the simulator's bag. Default: `recording_options`.
-    :param reports: so many recordings, those that are explained worst, get a report of their own,
-        which the page links.
+    :param reports: so many recordings, those that are explained worst, get the report of an
+        analysis of them alone; the page links all that exist.
     :param options: a limit on the number of recordings chooses them before the first pass.
     :raises UsageError: an argument is invalid, `out` is in use, or a service does not answer.
     :raises DataError: no recording can be used.
@@ -117,6 +117,7 @@ def fleet_mismatch(
     from adk_ros.fleet.inference.recording_evidence import UNPLACED
     from adk_ros.fleet.report.fleet_page import write_fleet_page
     from adk_ros.fleet.report.fleet_rows import unplaced_text
+    from adk_ros.fleet.report.result_file import PageContext
 
     timer = RunTimer()
     out, options = Path(out), options or FleetOptions()
@@ -183,38 +184,40 @@ def fleet_mismatch(
         remove_points(shared)
         failed = tuple(sorted(analysis.failed.items()))
         models = corrected_models(analysis.result, known.surrogate)
-        links = _links(out, stage, shown)
+        made, not_made = _reports(out, stage, found)
         sources: list[tuple[str, Path | str | None]] = [("simulation", inputs.simulation)]
         sources += [("further simulation", further) for further in inputs.further]
         if vehicle is not None and Path(vehicle).is_file():
             sources.append(("vehicle", vehicle))
-        text = unplaced_text(len(unplaced))
-        page = write_fleet_page(
-            analysis.result,
-            out / REPORT,
-            provenance=timer.provenance([*sources, *tags_file(out)]),
-            links=links,
-            models=models,
-            failed=failed,
-            unplaced=text,
-        )
+        provenance = timer.provenance([*sources, *tags_file(out)])
+        context = PageContext(made, not_made, failed, len(unplaced), provenance)
+        page = write_fleet_page(analysis.result, out / REPORT, context, models)
         left = len(listed) - len(found)
         if not left:
             # Nothing that is lost: a run of all recordings has another estimate than a trial.
             with suppress(UsageError):
                 current.prune()
+        text = unplaced_text(len(unplaced))
         notes = (*table.notes, text) if text else table.notes
         return FleetMismatch(analysis.result, page, failed, left, notes)
 
 
-def _links(out: Path, stage: ReportStage, recordings: Sequence[FleetRecording]) -> dict[str, str]:
-    """Return recording -> address of its report, relative to the page."""
-    links = {}
+def _reports(
+    out: Path, stage: ReportStage, recordings: Sequence[FleetRecording]
+) -> tuple[dict[str, str], dict[str, str]]:
+    """
+    Return recording -> address of its report, relative to the page, and -> why it has none.
+
+    Of all reports against this simulation, also those of earlier runs.
+    """
+    made, not_made = {}, {}
     for row in current_rows(version_of(stage), recordings, FleetDataset(out)):
+        if row["status"] != "ok":
+            not_made[str(row["recording"])] = str(row["reason"])
         page = json.loads(row["details"] or "{}").get("report")
         if page is not None:
-            links[str(row["recording"])] = quote(f"{RECORDINGS}/{page}")
-    return links
+            made[str(row["recording"])] = quote(f"{RECORDINGS}/{page}")
+    return made, not_made
 
 
 def recording_tags(rows: Sequence[Row], tags: Mapping[str, Tags]) -> dict[str, RecordingTags]:

@@ -22,6 +22,7 @@ from adk_ros.api.fleet.fleet_run import (
 from adk_ros.api.fleet.identified_simulation import SimulationInputs
 from adk_ros.bags.recording import RecordingOptions
 from adk_ros.fleet.dataset import FleetDataset
+from adk_ros.fleet.report.file_names import DATA
 
 
 def estimate_mismatch(
@@ -76,7 +77,7 @@ def estimate_mismatch(
 
 def _is_reported(out: Path, stage: str) -> bool:
     """Whether the report is later than all evidence: else a run was stopped after a pass."""
-    report = out / REPORT / "fleet.json"
+    report = out / REPORT / DATA
     if not report.is_file():
         return False
     written_s = FleetDataset(out).columns(stage, ["written_s"]).column("written_s").to_pylist()

@@ -251,7 +251,8 @@ def compared_rows(
     """
     Return the rows of all stages as texts without what varies, and how often each is there.
 
-    The findings of `adk fleet mismatch` (report/fleet.json) are one more row.
+    The findings of `adk fleet mismatch` (report/fleet.json) are one more row, without date and
+    duration.
 
     :param removed: what is removed from them, such as the folder of the recordings.
     :param ignored: further columns that vary.
@@ -264,7 +265,9 @@ def compared_rows(
             text = json.dumps({"stage": stage} | kept, sort_keys=True)
             rows[text if removed is None else removed.sub("", text)] += 1
     if (out / _PAGE).exists():
-        rows[json.dumps(json.loads((out / _PAGE).read_text()), sort_keys=True)] += 1
+        content = json.loads((out / _PAGE).read_text())
+        content.get("page", {}).pop("provenance", None)
+        rows[json.dumps(content, sort_keys=True)] += 1
     return rows
 
 

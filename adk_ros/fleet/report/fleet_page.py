@@ -4,50 +4,78 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
+from urllib.parse import unquote
 
 from markupsafe import Markup, escape
 
 from adk_ros.files.pages.page import embed, render_page
-from adk_ros.files.pages.provenance import Provenance
 from adk_ros.fleet.inference.corrected_models import MODELS
 from adk_ros.fleet.inference.fleet_result import FleetResult, NotClaimed
 from adk_ros.fleet.inference.levels import SHARED, Level
+from adk_ros.fleet.report.file_names import DATA, PAGE
 from adk_ros.fleet.report.fleet_figures import map_figure, matrix_figure, trend_figure
 from adk_ros.fleet.report.fleet_rows import (
     claim_rows,
     not_claimed_rows,
     place_rows,
     summary_sentence,
+    unplaced_text,
 )
+from adk_ros.fleet.report.result_file import PageContext, read_result, write_result
 
-PAGE, DATA = "fleet.html", "fleet.json"
 _WORST = 20
-"""Most recordings in the table of the worst. By choice."""
+"""Recordings in the table of the worst, if no more have a report. By choice."""
 
 
 def write_fleet_page(
     result: FleetResult,
     out: Path,
-    *,
-    provenance: Provenance | None = None,
-    links: Mapping[str, str] | None = None,
+    context: PageContext | None = None,
     models: Mapping[str, str] | None = None,
-    failed: Sequence[tuple[str, str]] = (),
-    unplaced: str = "",
 ) -> Path:
     """
     Write `fleet.html`, `fleet.json`, figures and corrected models into a folder.
 
     Corrected models of an earlier result that are not among `models` are removed.
 
-    `links`: recording -> address of its report; `models`: file name -> text
-    (`corrected_models`); `failed`: recordings without evidence, with the reason; `unplaced`:
-    what `fleet_rows.unplaced_text` says.
+    `models`: file name -> text (`corrected_models`).
     """
+    context, models = context or PageContext(), models or {}
+    for path in out.glob(MODELS):
+        # Of a claim that is no longer made.
+        if path.name not in models:
+            path.unlink()
+    for name, text in models.items():
+        (out / name).write_text(text, encoding="utf-8")
+    write_result(result, context, out / DATA)
+    return _write_page(result, out, context, sorted(models))
+
+
+def rewrite_fleet_page(out: Path) -> Path:
+    """
+    Write `fleet.html` and its figures again from `fleet.json`, which stays as it is.
+
+    Reports and corrected models are linked that are still there.
+
+    :raises DataError: `fleet.json` is damaged, or of another version of adk_ros.
+    """
+    result, context = read_result(out / DATA)
+    reports = {
+        name: address
+        for name, address in context.reports.items()
+        if (out / unquote(address)).is_file()
+    }
+    models = sorted(path.name for path in out.glob(MODELS))
+    return _write_page(result, out, replace(context, reports=reports), models)
+
+
+def _write_page(
+    result: FleetResult, out: Path, context: PageContext, models: Sequence[str]
+) -> Path:
     figures: dict[str, Any] = {}
     if result.vehicles:
         matrix_figure(result, out / "vehicles.png")
@@ -63,17 +91,10 @@ def write_fleet_page(
         path = out / f"trend_{i}.png"
         trend_figure(points, claims[0].unit, {c.car for c in claims if c.car}, path)
         trends.append(embed(path, f"Size of {key[0]} by recording over time"))
-    for path in out.glob(MODELS):
-        # Of a claim that is no longer made.
-        if path.name not in (models or {}):
-            path.unlink()
-    for name, text in (models or {}).items():
-        (out / name).write_text(text, encoding="utf-8")
-    (out / DATA).write_text(json.dumps(result.as_dict(), indent=1), encoding="utf-8")
     text = render_page(
         "adk_ros.fleet.report",
         "fleet.html.j2",
-        provenance,
+        context.provenance,
         sentence=summary_sentence(result),
         claims=claim_rows(result.claims),
         missing=claim_rows([c for c in result.claims if c.kind == SHARED]),
@@ -83,10 +104,10 @@ def write_fleet_page(
         matrix=figures.get("matrix"),
         map=figures.get("map"),
         trends=trends,
-        worst=_worst_rows(result, links or {}),
-        models=sorted(models or {}),
-        failed=[list(pair) for pair in failed],
-        unplaced=unplaced,
+        worst=_worst_rows(result, context),
+        models=models,
+        failed=[list(pair) for pair in context.failed],
+        unplaced=unplaced_text(context.unplaced),
         outdated=[[r.name, r.note] for r in result.recordings if r.note],
         tests=result.tests,
         further_drives=result.further_drives,
@@ -99,16 +120,20 @@ def write_fleet_page(
     return path
 
 
-def _worst_rows(result: FleetResult, links: Mapping[str, str]) -> list[list[Any]]:
+def _worst_rows(result: FleetResult, context: PageContext) -> list[list[Any]]:
+    """Return the worst recordings, each with its report, what makes it, or why there is none."""
     rows: list[list[Any]] = []
-    for r in result.worst(_WORST):
-        name: Any = r.name
-        if r.name in links:
-            name = Markup('<a href="{}">{}</a>').format(links[r.name], escape(r.name))
+    # More reports than that may have been asked for: each is in a row.
+    for rank, r in enumerate(result.worst(max(_WORST, len(context.reports))), 1):
+        if r.name in context.reports:
+            report = Markup('<a href="{}">report</a>').format(context.reports[r.name])
+        elif r.name in context.failed_reports:
+            report = escape(f"failed: {context.failed_reports[r.name]} (--retry-failed)")
+        else:
+            report = Markup("<code>--reports {}</code>").format(rank)
         tags = ", ".join(f"{k} {v}" for k, v in r.tags.items())
-        rows.append(
-            [name, r.car, f"{r.day:.1f}", tags, f"{r.loss_before:.3g}", f"{r.loss_ratio:.3g}"]
-        )
+        losses = [f"{r.loss_before:.3g}", f"{r.loss_ratio:.3g}"]
+        rows.append([r.name, r.car, f"{r.day:.1f}", tags, *losses, report])
     return rows
 
 

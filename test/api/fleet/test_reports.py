@@ -12,8 +12,9 @@ import pytest
 from helpers.fleet import text_fleet
 from helpers.fleet_results import filled
 
-from adk_ros.api.fleet.fleet_mismatch import RECORDINGS, _links
+from adk_ros.api.fleet.fleet_mismatch import RECORDINGS, _reports
 from adk_ros.api.fleet.report_stage import ReportStage
+from adk_ros.errors import DataError
 from adk_ros.fleet.recordings import find_recordings
 
 
@@ -49,10 +50,23 @@ def test_the_page_links_reports_of_its_simulation(
         filled(drives, out, stage)
     found = find_recordings([str(drives)])
     for stage, name in zip(stages, ("before", "after"), strict=True):
-        links = _links(out, stage, found[:1])
-        assert list(links) == ["a.mcap"]
+        links, failed = _reports(out, stage, found[:1])
+        assert (list(links), failed) == (["a.mcap"], {})
         assert (tmp_path / "report" / links["a.mcap"]).read_text() == f"{name} a"
-    (link,) = _links(out, stages[0], found[1:]).values()
+    (link,) = _reports(out, stages[0], found[1:])[0].values()
     assert quote("b#1.mcap") in link
     Path(stages[1].simulation).write_text("changed")
-    assert _links(out, stages[1], found) == {}
+    assert _reports(out, stages[1], found) == ({}, {})
+
+
+def test_a_report_that_failed_says_why(
+    stages: list[ReportStage], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def explain(simulation: str, path: Path, **given: object) -> SimpleNamespace:
+        raise DataError("it stands still")
+
+    text_fleet(tmp_path / "drives", {"a": " a"})
+    monkeypatch.setattr("adk_ros.api.explain.explain", explain)
+    filled(tmp_path / "drives", tmp_path / "out", stages[0])
+    found = find_recordings([str(tmp_path / "drives")])
+    assert _reports(tmp_path / "out", stages[0], found) == ({}, {"a.mcap": "it stands still"})

@@ -29,6 +29,7 @@ from adk_ros.fleet.report.claim_text import claim_text
 from adk_ros.fleet.report.fleet_comparison import compared_claims, write_comparison
 from adk_ros.fleet.report.fleet_page import write_fleet_page
 from adk_ros.fleet.report.fleet_rows import place_rows, summary_sentence, unplaced_text
+from adk_ros.fleet.report.result_file import PageContext, read_result
 from adk_ros.mismatch.deployment.surrogate_file import SurrogateFile
 from adk_ros.mismatch.library.surrogate_parameters import default_parameters
 from adk_ros.mismatch.report.vocabulary import title
@@ -77,13 +78,10 @@ def surrogate() -> SurrogateModel:
 
 def test_the_page_shows_claims_vehicles_trends_places_and_links(tmp_path: Path) -> None:
     models = corrected_models(result(), surrogate())
-    page = write_fleet_page(
-        result(),
-        tmp_path,
-        links={"drive003": "drive003/report.html"},
-        models=models,
-        failed=[("drive_009", "bag is truncated")],
+    context = PageContext(
+        {"drive003": "drive003/report.html"}, failed=(("drive_009", "bag is truncated"),)
     )
+    page = write_fleet_page(result(), tmp_path, context, models)
     text = page.read_text()
     assert "more drag area (C_dA) (all cars)" in text
     assert 'href="drive003/report.html"' in text
@@ -102,7 +100,7 @@ def test_the_page_shows_claims_vehicles_trends_places_and_links(tmp_path: Path) 
     )
     for figure in ("vehicles.png", "map.png", "trend_0.png"):
         assert (tmp_path / figure).stat().st_size > 1000
-    assert (tmp_path / "fleet.json").exists()
+    assert read_result(tmp_path / "fleet.json") == (result(), context)
 
 
 def test_the_page_says_whether_the_error_on_other_roads_is_known(tmp_path: Path) -> None:
@@ -299,4 +297,4 @@ def test_recordings_without_a_map_are_said(tmp_path: Path) -> None:
     assert unplaced_text(1).startswith("1 recording begins at x = y = 0 and counts for no place")
     text = unplaced_text(3)
     assert text.startswith("3 recordings begin at x = y = 0 and count for no place")
-    assert text in write_fleet_page(result(), tmp_path, unplaced=text).read_text()
+    assert text in write_fleet_page(result(), tmp_path, PageContext(unplaced=3)).read_text()
