@@ -22,6 +22,7 @@ class PassProgress:
         self._begin = f"pass {number} of at most {most}, "
 
     def __call__(self, done: float, total: float, text: str) -> None:
+        """Report what is done of a step, as the callback that is given."""
         if self._progress is not None:
             self._progress(done, total, f"{self._begin}{text}")
 

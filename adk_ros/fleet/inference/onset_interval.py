@@ -54,7 +54,7 @@ def onset_interval(fleet: FleetEvidence, model: FleetModel, number: int) -> tupl
     car = claim.level.car
     days = np.unique(fleet.days[[not car or name == car for name in fleet.cars]])
     if days.size > _EXAMINED:
-        days = np.quantile(days, np.linspace(0.0, 1.0, _EXAMINED))
+        days = np.asarray(np.quantile(days, np.linspace(0.0, 1.0, _EXAMINED)), dtype=np.float64)
     examined: list[float] = np.unique([*days, claim.level.onset]).tolist()
     inside = [i for i, day in enumerate(examined) if likelihood(day) >= least]
     first, last = inside[0], inside[-1]

@@ -89,8 +89,8 @@ def _problem(result: FleetResult) -> str:
         *result.claims, *result.places, *result.not_claimed, *result.vehicles, *result.trends,
     )  # fmt: skip
     try:
-        for part in parts:
-            column_of(f"{part.effect}.{part.parameter}")
+        for key in sorted({f"{part.effect}.{part.parameter}" for part in parts}):
+            column_of(key)
     except DataError as error:
         return str(error)
     entries = {(v.car, v.effect, v.parameter) for v in result.vehicles}
