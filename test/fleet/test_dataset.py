@@ -189,7 +189,8 @@ def test_a_folder_of_two_versions_becomes_one_table(tmp_path, monkeypatch) -> No
     first, second = sorted(dataset.folder("text").iterdir())
     as_earlier(first)
     as_earlier(second)
-    write, written = FleetDataset._write, []
+    write = FleetDataset._write
+    written: list[str | None] = []
 
     def interrupted(self, folder, columns, rows, name=None):
         if written:
