@@ -36,7 +36,7 @@ from adk_ros.cli.options import (
     ParamsOption,
     read_options,
 )
-from adk_ros.errors import UsageError
+from adk_ros.errors import DataError, UsageError
 
 if TYPE_CHECKING:
     from adk_ros.api.fleet.fleet_run import FleetOptions
@@ -270,8 +270,8 @@ def _rewrite_page(out: Path) -> Path | None:
     page = out / REPORT / PAGE
     try:
         rewrite_report(out)
-    except UsageError as error:
-        # While another run works in the folder, or where it cannot be written.
+    except (DataError, UsageError) as error:
+        # While another run works in the folder, where it cannot be written, or by another version.
         console.note(f"the page is not written again: {error}")
     return page if page.is_file() else None
 

@@ -141,14 +141,11 @@ class FleetDataset:
         """
         Write files of earlier versions again, with the columns that they lack; raises as `append`.
 
-        Others read a folder as one table, for which its files need the same columns. The first
-        file of a stage is the last one to be written, so that it tells whether all are.
+        Others read a folder as one table, for which its files need the same columns.
         """
         for folder in sorted((self._out / RESULTS).glob("stage=*")):
-            parts = list(_parts(folder))
-            if not parts or not self._lacks_columns(parts[0]):
-                continue
-            for path in reversed(parts):
+            # Each, since an earlier version may have written next to files of this one.
+            for path in _parts(folder):
                 if self._lacks_columns(path):
                     self._write(folder, RESULT, self._read(path, list(RESULT)), path.name)
 

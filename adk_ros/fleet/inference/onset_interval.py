@@ -4,14 +4,18 @@
 Since when a change in time acts: the interval of its change point.
 
 At each other change point the sizes of all claims are fitted again, with the variance components
-of the claims as they are. The interval holds the days whose log-likelihood is within half the 90 %
-quantile of chi-square with one degree of freedom, 2.71 / 2, of that of the claim (profile
-likelihood). For a ramp, whose likelihood is smooth between the recordings, that is Wilks's
-theorem; a step may begin at any time between two recordings, so that its interval ends at some.
+of the claims as they are. The interval holds the days at which twice the log-likelihood is less
+than a quantile below that of the claim (profile likelihood). For a ramp, whose likelihood is
+smooth, the quantile is that of chi-square with one degree of freedom (Wilks). The change point of
+a step is not regular: of small steps over many recordings twice the log-likelihood ratio is at
+most x with probability (1 - exp(-x / 2))^2 (B. E. Hansen, Econometrica 68, 2000, p. 575); of
+large ones over few recordings it is less. A step may begin at any time between two recordings, so
+that its interval ends at some.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from functools import cache
 
@@ -20,11 +24,17 @@ from scipy.optimize import bisect
 
 from adk_ros.fleet.inference.fleet_evidence import FleetEvidence
 from adk_ros.fleet.inference.fleet_model import FleetModel
+from adk_ros.fleet.inference.levels import STEP
 from adk_ros.fleet.inference.mixed_model import Term
 from adk_ros.numerics.constants import QUANTILE_90
 
 _EXAMINED = 40
-"""Most days at which the likelihood is computed first, those of recordings. By choice."""
+"""
+Most days at which the likelihood of a ramp is computed first, among those of recordings. By
+choice. That of a step, which is no smooth function, is computed at each.
+"""
+STEP_QUANTILE_90 = -2.0 * math.log(1.0 - math.sqrt(0.9))
+"""90 % quantile of twice the log-likelihood ratio of the change point of a step: 5.94."""
 _RESOLUTION_DAY = 0.01
 """Accuracy of the ends of an interval, days: a quarter of an hour. By choice."""
 
@@ -44,7 +54,9 @@ def onset_interval(fleet: FleetEvidence, model: FleetModel, number: int) -> tupl
         terms[number] = Term(claim.effect, level.design(fleet))
         return mixed.estimate(terms, components).likelihood
 
-    least = likelihood(claim.level.onset) - 0.5 * QUANTILE_90**2
+    is_step = claim.level.kind == STEP
+    quantile = STEP_QUANTILE_90 if is_step else QUANTILE_90**2
+    least = likelihood(claim.level.onset) - 0.5 * quantile
 
     def end(day: float, beyond: float) -> float:
         """Return where the likelihood passes its least value, between a day inside and outside."""
@@ -53,7 +65,7 @@ def onset_interval(fleet: FleetEvidence, model: FleetModel, number: int) -> tupl
 
     car = claim.level.car
     days = np.unique(fleet.days[[not car or name == car for name in fleet.cars]])
-    if days.size > _EXAMINED:
+    if days.size > _EXAMINED and not is_step:
         days = np.asarray(np.quantile(days, np.linspace(0.0, 1.0, _EXAMINED)), dtype=np.float64)
     examined: list[float] = np.unique([*days, claim.level.onset]).tolist()
     inside = [i for i, day in enumerate(examined) if likelihood(day) >= least]

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from adk_ros.fleet.inference.fleet_result import Claim, NotClaimed, PlaceClaim
@@ -42,5 +43,7 @@ def level_text(claim: Claim) -> str:
     """Return the level of a claim, of a change in time with the 90 % interval of its onset."""
     if claim.onset_low_day is None or claim.onset_high_day is None:
         return claim.level
-    low, high = f"{claim.onset_low_day:.1f}", f"{claim.onset_high_day:.1f}"
-    return f"{claim.level}, onset between day {low} and {high}"
+    low, high = claim.onset_low_day, claim.onset_high_day
+    # To a tenth of the interval's width.
+    decimals = max(0, math.ceil(1.0 - math.log10(max(high - low, 0.01))))
+    return f"{claim.level}, onset between day {low:.{decimals}f} and {high:.{decimals}f}"

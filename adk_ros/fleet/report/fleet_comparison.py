@@ -20,6 +20,7 @@ from adk_ros.mismatch.report.vocabulary import title, unit_text
 
 PAGE = "comparison.html"
 FIXED, NEW, CHANGED, SAME = "no longer claimed", "new", "changed", "unchanged"
+LISTED = "no longer claimed, but still a candidate"
 TIED = "tied: the other one is named"
 
 COMPARABLE = frozenset({1, SCHEMA})
@@ -45,7 +46,7 @@ def compared_claims(before: Mapping[str, Any], after: Mapping[str, Any]) -> list
         assert one is not None
         name = f"{title(one['effect'])}, {one['parameter']}"
         if b is None:
-            status = FIXED
+            status = LISTED if _is_listed(one, after["not_claimed"]) else FIXED
         elif a is None:
             status = NEW
         elif a["effect"] != b["effect"]:
@@ -161,6 +162,14 @@ def _is_same_place(a: Claim, b: Claim) -> bool:
     )
     tied = b["effect"] in a["ties"] or a["effect"] in b["ties"]
     return near and (_has_effect_of(a, b) or tied)
+
+
+def _is_listed(claim: Claim, candidates: Sequence[Mapping[str, Any]]) -> bool:
+    """Whether a claim is among the candidates that are significant and yet not claimed."""
+    return any(
+        c["is_claimable"] and c["effect"] == claim["effect"] and c["level"] == _level(claim)
+        for c in candidates
+    )
 
 
 def _level(claim: Claim) -> str:

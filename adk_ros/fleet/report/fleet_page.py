@@ -13,6 +13,7 @@ from urllib.parse import unquote
 from markupsafe import Markup, escape
 
 from adk_ros.files.pages.page import embed, render_page
+from adk_ros.files.whole_file import whole_file
 from adk_ros.fleet.inference.corrected_models import MODELS
 from adk_ros.fleet.inference.fleet_result import FleetResult, NotClaimed
 from adk_ros.fleet.inference.levels import SHARED, Level
@@ -116,15 +117,18 @@ def _write_page(
         cars=len(result.cars),
     )
     path = out / PAGE
-    path.write_text(text, encoding="utf-8")
+    with whole_file(path) as file:
+        file.write(text.encode("utf-8"))
     return path
 
 
 def _worst_rows(result: FleetResult, context: PageContext) -> list[list[Any]]:
     """Return the worst recordings, each with its report, what makes it, or why there is none."""
     rows: list[list[Any]] = []
-    # More reports than that may have been asked for: each is in a row.
-    for rank, r in enumerate(result.worst(max(_WORST, len(context.reports))), 1):
+    for rank, r in enumerate(result.worst(len(result.recordings)), 1):
+        # Below them, those with a report of an earlier ranking.
+        if rank > _WORST and r.name not in context.reports:
+            continue
         if r.name in context.reports:
             report = Markup('<a href="{}">report</a>').format(context.reports[r.name])
         elif r.name in context.failed_reports:

@@ -54,7 +54,9 @@ def summary_sentence(result: FleetResult) -> str:
     """Return what is found, by level, in a sentence."""
     of = f"In {len(result.recordings)} recordings of {len(result.cars)} cars"
     if not result.claims and not result.places:
-        nothing = f"{of}, no effect of the catalogue is significant at any level."
+        is_doubtful = any(c.is_claimable for c in result.not_claimed)
+        what = "claimed" if is_doubtful else "significant"
+        nothing = f"{of}, no effect of the catalogue is {what} at any level."
         return f"{nothing} {_what_is_left(result)}"
     by_level: dict[str, list[str]] = {}
     for claim in sorted(result.claims, key=lambda c: _LEVELS.index(_group(c))):

@@ -52,6 +52,12 @@ def test_a_weak_step_has_a_wide_interval() -> None:
     assert last - first >= 2
 
 
+def test_intervals_of_weak_steps_hold_the_onset() -> None:
+    """They should in nine of ten fleets; with the quantile of chi-square fewer would."""
+    found = [claimed(STEP, size=2.0, deviation=1.0, seed=seed)[1:] for seed in range(30)]
+    assert sum(low <= ONSET <= high for low, high in found) >= 26
+
+
 def test_intervals_of_ramps_hold_the_onset() -> None:
     """They should in nine of ten fleets."""
     found = [claimed(RAMP, size=9.0, deviation=0.5, seed=seed) for seed in range(10)]

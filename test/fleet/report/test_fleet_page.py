@@ -88,7 +88,7 @@ def test_the_page_shows_claims_vehicles_trends_places_and_links(tmp_path: Path) 
     assert 'href="corrected_all.yaml"' in text
     assert "bag is truncated" in text
     ramp = next(c for c in result().claims if c.kind == RAMP)
-    onset = f"onset between day {ramp.onset_low_day:.1f} and {ramp.onset_high_day:.1f}"
+    onset = f"onset between day {ramp.onset_low_day:.0f} and {ramp.onset_high_day:.0f}"
     assert f"{ramp.level}, {onset}" in text
     assert onset in summary_sentence(result())
     place = result().places[0]
@@ -241,6 +241,14 @@ def test_a_comparison_knows_ties_and_places_that_touch() -> None:
     drag["ties"] = []
     status = sorted(row[4] for row in compared_claims(before, after))
     assert (status.count("new"), status.count("no longer claimed")) == (2, 2)
+    # Such as a place that was passed on one day only.
+    listed = {
+        "effect": "road_grade", "level": "at a place, (210, 270) m", "is_claimable": True,
+    }  # fmt: skip
+    after["places"], after["not_claimed"] = [], [listed]
+    rows = {row[0]: row[4] for row in compared_claims(before, after)}
+    grade = f"{title('road_grade')}, grade"
+    assert rows[grade] == "no longer claimed, but still a candidate"
 
 
 def test_changes_of_one_effect_are_compared_with_the_nearest() -> None:
