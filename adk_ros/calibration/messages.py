@@ -7,7 +7,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from adk_ros.signals.decode import MAX_VARIANCE, SensorConfig
+from adk_ros.signals.decode import MAX_VARIANCE, NOT_MEASURED, SensorConfig
 from adk_ros.signals.velocity_messages import ODOMETRY_TYPES
 
 
@@ -59,8 +59,9 @@ def odometry_row(msg: Any) -> list[float]:
 
 
 def _unless_in_gap(value: float, variance: float) -> float:
-    # What is never measured is zero, and marked as well.
-    return math.nan if value != 0.0 and variance >= MAX_VARIANCE else value
+    # What is never measured is zero, and marked as well. The variance of a dead-reckoned position
+    # grows beyond that of velocities, but hardly to that of the mark.
+    return math.nan if value != 0.0 and variance >= NOT_MEASURED else value
 
 
 def height_row(msg: Any) -> list[float]:

@@ -20,11 +20,9 @@ from adk_ros.bags.auxiliary_topics import FIX, NUMBER, PRESSURE, TWIST
 from adk_ros.numerics.arrays import FloatArray
 from adk_ros.numerics.constants import GRAVITY
 from adk_ros.signals.commands import ESTIMATED_TORQUE
+from adk_ros.signals.decode import NOT_MEASURED
 
 COMMAND_TYPE = COMMAND_TYPES["joint_state"]
-
-_NOT_MEASURED = 1e6
-"""Variance of an axis without a source, SI units squared; 0 is unknown (REP-145)."""
 
 Create = Callable[[int, Mapping[str, float], Collection[str]], Any]
 """Function (stamp in ns, values, channels that are unknown at this stamp) -> message; it returns
@@ -39,7 +37,7 @@ def imu(names: set[str]) -> Create:
         IMU_TYPE,
         header=_stamped("imu_link"),
         orientation_covariance=(
-            _diagonal(3, {8: _NOT_MEASURED}) if has_attitude else [-1.0] + [0.0] * 8
+            _diagonal(3, {8: NOT_MEASURED}) if has_attitude else [-1.0] + [0.0] * 8
         ),
         angular_velocity_covariance=_diagonal(3, _missing(rates, names)),
         linear_acceleration={"z": GRAVITY},
@@ -69,15 +67,13 @@ def odometry(names: set[str]) -> Create:
     """Return the factory of odometry messages from the channels `names`."""
     position = {0: "x", 7: "y", 14: "z", 35: "heading"}
     velocity = {7: "v_y", 35: "odometry_yaw_rate"}
-    never = {21: _NOT_MEASURED, 28: _NOT_MEASURED}
+    never = {21: NOT_MEASURED, 28: NOT_MEASURED}
     msg = message(
         ODOMETRY_TYPE,
         header=_stamped("odom"),
         child_frame_id="base_link",
         pose={"covariance": _diagonal(6, _missing(position, names) | never)},
-        twist={
-            "covariance": _diagonal(6, _missing(velocity, names) | never | {14: _NOT_MEASURED})
-        },
+        twist={"covariance": _diagonal(6, _missing(velocity, names) | never | {14: NOT_MEASURED})},
     )
     point, q = msg.pose.pose.position, msg.pose.pose.orientation
     linear, angular = msg.twist.twist.linear, msg.twist.twist.angular
@@ -186,7 +182,7 @@ def numbers(name: str) -> Create:
 
 
 def _missing(elements: Mapping[int, str], names: set[str]) -> dict[int, float]:
-    return {index: _NOT_MEASURED for index, name in elements.items() if name not in names}
+    return {index: NOT_MEASURED for index, name in elements.items() if name not in names}
 
 
 def _mark(
@@ -195,7 +191,7 @@ def _mark(
     """Mark the elements of channels that are unknown, and no other of those in `names`."""
     for index, name in elements.items():
         if name in names:
-            covariance[index] = _NOT_MEASURED if name in unknown else 0.0
+            covariance[index] = NOT_MEASURED if name in unknown else 0.0
 
 
 def _stamped(frame_id: str) -> dict[str, Any]:

@@ -109,10 +109,13 @@ def with_optional(
     """
     Return the stream with further channels at its stamps, without which messages are complete.
 
-    In their gaps they are interpolated as well, before and after them held; both are `unknown`.
+    In their gaps they are interpolated, and `unknown`. Before the first and after the last value
+    of one there is no message: not every reader looks at the mark, and a position that is held
+    while the car moves is worse than none.
 
     :param name: of the message, and `lead` of the channel with its stamps, for the lines.
     """
+    stream = _within(name, stream, channels, notes)
     values, unknown = dict(stream.values), dict(stream.unknown)
     for channel in channels:
         if np.isin(stream.stamp_ns, channel.stamp_ns).all():
@@ -128,6 +131,29 @@ def with_optional(
             "in gaps: marked as not measured there"
         )
     return replace(stream, values=values, unknown=unknown)
+
+
+def _within(
+    name: str, stream: MessageStream, channels: Sequence[SourceChannel], notes: list[str]
+) -> MessageStream:
+    """Return the part of a stream in which each of `channels` has begun and has not ended."""
+    stamps = stream.stamp_ns
+    inside = np.ones(len(stream), dtype=bool)
+    for channel in channels:
+        inside &= (stamps >= channel.stamp_ns[0]) & (stamps <= channel.stamp_ns[-1])
+    if inside.all():
+        return stream
+    names = ", ".join(channel.name for channel in channels)
+    notes.append(
+        f"{name}: {int((~inside).sum())} of {len(stream)} stamps are before the first or after "
+        f"the last value of {names}: skipped"
+    )
+    return replace(
+        stream,
+        stamp_ns=stamps[inside],
+        values={key: value[inside] for key, value in stream.values.items()},
+        unknown={key: value[inside] for key, value in stream.unknown.items()},
+    )
 
 
 def at_stamps(
@@ -151,8 +177,7 @@ def _at(channel: SourceChannel, at_ns: IntArray, hold: bool) -> tuple[FloatArray
     right = np.minimum(left + 1, stamps.shape[0] - 1)
     source = np.unwrap(channel.values) if channel.name in _CIRCULAR else channel.values
     gap = (stamps[right] - stamps[left]).astype(np.float64)
-    # Before the first value it is held, as after the last.
-    share = np.clip((at_ns - stamps[left]) / np.maximum(gap, 1.0), 0.0, 1.0)
+    share = (at_ns - stamps[left]) / np.maximum(gap, 1.0)
     values = source[left] + share * (source[right] - source[left])
     longest = longest_gap_ns(stamps)
     exact = stamps[left] == at_ns

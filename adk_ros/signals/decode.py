@@ -51,6 +51,8 @@ _MAX_STAMP_NS = (2**31 - 10) * 1_000_000_000
 _IMU, _ODOMETRY = Source.IMU, Source.ODOMETRY
 MAX_VARIANCE = 1e4
 """SI units squared; a larger variance, of 100 m/s, marks a value that is not measured."""
+NOT_MEASURED = 1e6
+"""SI units squared; the variance that `adk import` writes for a value that is not measured."""
 
 __all__ = ["Decoder", "RefusedMessage", "SensorConfig"]
 

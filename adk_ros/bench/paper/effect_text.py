@@ -49,7 +49,7 @@ def effect_text(readings: Sequence[Reading]) -> list[str]:
     """
     Return sentences: which readings reproduce the printed effect, and which do not.
 
-    Without a reading of the paper's epochs, the last one says what an earlier run with them gave.
+    Without a reading of the paper's epochs, the last one says where there is one.
     """
     if not readings:
         return []

@@ -150,7 +150,7 @@ loss of these channels is enough: an inexact drive torque leaves nothing in the 
 MIN_FIRST_GAIN_PER_SURROGATE_ERROR = 0.08
 """
 Least gain of a first effect, as a share of the surrogate error: that error repeats every lap,
-whitening takes it for new noise, and any effect may resemble part of it. Calibrated: in the 375
+whitening takes it for new noise, and any effect may resemble part of it. Seeds 6 to 9: in the 375
 clean cases of `MIN_FIRST_GAIN`, absent effects gain at most 0.051 of it once, and 0.031 otherwise.
 """
 MIN_GAIN_PER_SURROGATE_ERROR = 0.12

@@ -340,8 +340,9 @@ def torque_response_text(implied: ImpliedMass | None, nominal: NominalVehicle) -
     """Return the result of `check_vehicle` in words, next to the values of the vehicle file."""
     if implied is None:
         return (
-            "the simulation's torque response implies no mass, since torque and speed explain too "
-            "little of its acceleration: mass and wheel_radius are not checked"
+            "the simulation's torque response implies no mass, since it drives too little with "
+            "little lateral acceleration, or torque and speed explain too little of its "
+            "acceleration: mass and wheel_radius are not checked"
         )
     radius, low, high = implied.radius_at(nominal.mass, nominal.wheel_radius)
     source = "assumed" if "wheel_radius" in nominal.assumed else "vehicle file"

@@ -87,7 +87,7 @@ def test_the_page_lists_them_and_counts_those_that_it_leaves_out(tmp_path: Path)
     page = Page((tmp_path / "report" / "report.html").read_text(encoding="utf-8"))
     assert_self_contained(page)
     assert_contents(page)
-    assert "Residuals that the loss downweights" in page.headings.values()
+    assert "Episodes of large residuals" in page.headings.values()
     assert (
         sum("IMU lateral acceleration" in row and "20.0" in row for row in page.rows) == MAX_ROWS
     )
