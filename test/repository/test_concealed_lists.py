@@ -12,7 +12,8 @@ ROOT = Path(__file__).parents[2]
 
 
 def test_the_table_in_the_documentation_is_made_from_the_lists() -> None:
-    assert "\n".join(table(LISTS)) in (ROOT / "doc" / "mismatch-validation.md").read_text(encoding="utf-8")
+    page = ROOT / "doc" / "mismatch-validation.md"
+    assert "\n".join(table(LISTS)) in page.read_text(encoding="utf-8")
 
 
 def test_the_readme_states_the_same_sums() -> None:
