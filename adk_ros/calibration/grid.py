@@ -15,10 +15,6 @@ from adk_ros.numerics.arrays import FloatArray
 from adk_ros.numerics.differentiation import savitzky_golay
 from adk_ros.signals.moving_speed import moving_speed
 
-_ROUNDING = 1e-9
-"""rad/s; a constant that is smoothed, such as the zeros of a missing gyro less a known bias,
-varies by less than this."""
-
 
 @dataclass(frozen=True)
 class Signals:
@@ -64,7 +60,7 @@ class Signals:
     @property
     def gyro(self) -> FloatArray | None:
         """Yaw rate (n,) of the IMU; None if it has none that varies."""
-        return None if self.w is None or float(np.ptp(self.w[2])) < _ROUNDING else self.w[2]
+        return None if self.w is None or float(np.ptp(self.w[2])) == 0.0 else self.w[2]
 
     @property
     def lateral(self) -> FloatArray | None:
@@ -86,7 +82,10 @@ class Signals:
 
 
 def smooth(values: FloatArray, window_s: float = 0.5) -> FloatArray:
-    """Return values on the grid, smoothed without a phase shift."""
+    """Return values on the grid, smoothed without a phase shift; a constant exactly as it is."""
+    if values.size and np.ptp(values) == 0.0:
+        # Checks ask whether an axis varies, such as the zeros of a missing gyro less a known bias.
+        return values
     return savitzky_golay(values, PERIOD_S, window_s)
 
 
