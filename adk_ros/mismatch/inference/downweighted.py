@@ -192,7 +192,7 @@ def _episode(
         sigmas,
         float(problem.pose[step, 0]),
         float(problem.pose[step, 1]),
-        None if lap is None else float(lap.distance[step]),
+        None if lap is None or math.isnan(lap.distance[step]) else float(lap.distance[step]),
         share,
     )
 

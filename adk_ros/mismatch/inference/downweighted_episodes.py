@@ -36,8 +36,9 @@ class Episode(NamedTuple):
 
     `channel`: that of the largest one, of `size` in SI and `sigmas` standard deviations; if none
     exceeds the threshold alone, mean and its standard deviations of the channel in which it is
-    largest. `x`, `y`: position there, m; `lap_m`: distance along the lap, None without one.
-    `share`: part of Huber's loss of the recording that is in it, above that of noise.
+    largest. `x`, `y`: position there, m; `lap_m`: distance along the lap, None
+    without one or off it. `share`: part of Huber's loss of the recording that is in it, above that
+    of noise.
     """
 
     begin_s: float

@@ -4,17 +4,15 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 from adk_ros.mismatch.inference.downweighted import LONGEST_S
 from adk_ros.mismatch.inference.downweighted_episodes import Downweighted, Episode
 from adk_ros.mismatch.recording.sensor_log import CHANNELS, UNITS
 from adk_ros.mismatch.report.effect_text import percent
+from adk_ros.mismatch.report.report_tables import Rows, without_empty
 from adk_ros.mismatch.report.vocabulary import CHANNEL_TITLES, unit_text
 from adk_ros.numerics.levenberg_marquardt import HUBER_THRESHOLD
-
-Rows = list[list[str]]
 
 MAX_ROWS = 20
 """Most episodes that the page shows; `mismatch.json` lists all of them. By choice."""
@@ -71,9 +69,7 @@ def downweighted_rows(hidden: Downweighted) -> tuple[list[str], Rows]:
         "standard deviations",
         "share of the loss",
     ]
-    if not any(row[2] for row in rows):
-        header, rows = [*header[:2], *header[3:]], [[*row[:2], *row[3:]] for row in rows]
-    return header, rows
+    return without_empty(header, rows, 2)
 
 
 def _row(episode: Episode) -> list[str]:
@@ -91,7 +87,7 @@ def _row(episode: Episode) -> list[str]:
 
 def _place(episode: Episode) -> str:
     """Return the distance along the lap, or the position; nothing where there is neither."""
-    if episode.lap_m is not None and math.isfinite(episode.lap_m):
+    if episode.lap_m is not None:
         return f"{episode.lap_m:.0f} m along the lap"
     # Odometry without positions reports zeros.
     if episode.x == episode.y == 0.0:

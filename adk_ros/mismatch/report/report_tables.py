@@ -83,8 +83,14 @@ def effect_rows(effects: Sequence[IdentifiedEffect]) -> tuple[list[str], Rows]:
         "where",
         "confidence",
     ]
-    if not any(row[3] for row in rows):
-        header, rows = [*header[:3], *header[4:]], [[*row[:3], *row[4:]] for row in rows]
+    return without_empty(header, rows, 3)
+
+
+def without_empty(header: list[str], rows: Rows, column: int) -> tuple[list[str], Rows]:
+    """Return a table without the given column if nothing is in it."""
+    if any(row[column] for row in rows):
+        return header, rows
+    header, *rows = ([*row[:column], *row[column + 1 :]] for row in (header, *rows))
     return header, rows
 
 
