@@ -138,12 +138,14 @@ def stored_tags(path: Path, names: Sequence[str]) -> dict[str, Tags]:
     """
     Return name -> tags, of those of these recordings that a table with all earlier ones lists.
 
+    None without such a table.
+
     :raises UsageError: as `read_tags`, but for recordings that are not listed, or twice.
     """
     known = {name: name for name in names}
     _add_without_ending(known)
     tags: dict[str, Tags] = {}
-    for _, given, read in _rows(path):
+    for _, given, read in _rows(path) if path.is_file() else ():
         name = known.get(given)
         if name is not None and (given == name or name not in tags):
             tags[name] = read()

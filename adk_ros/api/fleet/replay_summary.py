@@ -92,8 +92,7 @@ def replay_summary(
     found = current_rows(version_of(stage), recordings, FleetDataset(out), kinds)
     rows, _ = distinct_rows(found, content_of)
     errors = [row for row in rows if row["kind"] == "error"]
-    path = out / TAGS_FILE
-    tags = stored_tags(path, [each.name for each in recordings]) if path.is_file() else {}
+    tags = stored_tags(out / TAGS_FILE, [each.name for each in recordings])
     return ReplaySummary(
         _pooled(errors),
         _minutes(row for row in rows if row["kind"] == "surprise"),

@@ -46,8 +46,6 @@ def fleet_frame(out: Path | str, stage: str) -> pd.DataFrame:
     if frame.empty:
         return frame
     path = Path(out) / TAGS_FILE
-    if not path.is_file():
-        return frame.assign(vehicle="", time_s=float("nan"))
     taken = {*RESULT, "vehicle", "time_s"}
     rows: list[dict[str, Any]] = [
         {"recording": name, "vehicle": each.vehicle, "time_s": each.time_s}

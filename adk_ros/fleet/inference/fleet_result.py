@@ -4,13 +4,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 
 SCHEMA = 2
 """Version of `fleet.json`; 2: with the interval of onsets, and with what the page says besides."""
 AND = " and "
 """Between the two effects of a tie that together take the place of a claim."""
+
+
+def place_text(centre: Sequence[float]) -> str:
+    """Return the level of what acts at a place, by the centre (x, y), m, of its first cell."""
+    return f"at a place, ({centre[0]:.0f}, {centre[1]:.0f}) m"
 
 
 @dataclass(frozen=True)

@@ -30,8 +30,8 @@ from adk_ros.numerics.constants import QUANTILE_90
 
 _EXAMINED = 40
 """
-Most days at which the likelihood of a ramp is computed first, among those of recordings. By
-choice. That of a step, which is no smooth function, is computed at each.
+Most days at which the likelihood is computed first, among those of recordings, as in the fit of
+the change point. By choice.
 """
 STEP_QUANTILE_90 = -2.0 * math.log(1.0 - math.sqrt(0.9))
 """90 % quantile of twice the log-likelihood ratio of the change point of a step: 5.94."""
@@ -54,8 +54,7 @@ def onset_interval(fleet: FleetEvidence, model: FleetModel, number: int) -> tupl
         terms[number] = Term(claim.effect, level.design(fleet))
         return mixed.estimate(terms, components).likelihood
 
-    is_step = claim.level.kind == STEP
-    quantile = STEP_QUANTILE_90 if is_step else QUANTILE_90**2
+    quantile = STEP_QUANTILE_90 if claim.level.kind == STEP else QUANTILE_90**2
     least = likelihood(claim.level.onset) - 0.5 * quantile
 
     def end(day: float, beyond: float) -> float:
@@ -65,7 +64,7 @@ def onset_interval(fleet: FleetEvidence, model: FleetModel, number: int) -> tupl
 
     car = claim.level.car
     days = np.unique(fleet.days[[not car or name == car for name in fleet.cars]])
-    if days.size > _EXAMINED and not is_step:
+    if days.size > _EXAMINED:
         days = np.asarray(np.quantile(days, np.linspace(0.0, 1.0, _EXAMINED)), dtype=np.float64)
     examined: list[float] = np.unique([*days, claim.level.onset]).tolist()
     inside = [i for i, day in enumerate(examined) if likelihood(day) >= least]

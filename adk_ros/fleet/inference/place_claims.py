@@ -10,7 +10,7 @@ import numpy as np
 
 from adk_ros.fleet.inference.evidence import column_of
 from adk_ros.fleet.inference.fleet_estimate import FleetEstimate
-from adk_ros.fleet.inference.fleet_result import NotClaimed, PlaceClaim
+from adk_ros.fleet.inference.fleet_result import NotClaimed, PlaceClaim, place_text
 from adk_ros.fleet.inference.size_units import interval_in_unit, size_in_unit
 from adk_ros.numerics.arrays import FloatArray
 
@@ -48,12 +48,11 @@ def place_claims(estimate: FleetEstimate) -> tuple[list[PlaceClaim], list[NotCla
 
 
 def _of_one_day(place: PlaceClaim) -> NotClaimed:
-    x, y = place.centres[0]
     return NotClaimed(
         place.effect,
         place.parameter,
         place.unit,
-        f"at a place, ({x:.0f}, {y:.0f}) m",
+        place_text(place.centres[0]),
         place.size,
         place.low,
         place.high,

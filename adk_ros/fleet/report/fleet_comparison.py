@@ -13,7 +13,7 @@ from typing import Any
 from adk_ros.errors import UsageError
 from adk_ros.files.pages.page import render_page
 from adk_ros.files.pages.provenance import Provenance
-from adk_ros.fleet.inference.fleet_result import AND, SCHEMA
+from adk_ros.fleet.inference.fleet_result import AND, SCHEMA, place_text
 from adk_ros.fleet.inference.levels import TRENDS
 from adk_ros.fleet.inference.place_evidence import CELL_M
 from adk_ros.mismatch.report.vocabulary import title, unit_text
@@ -167,7 +167,9 @@ def _is_same_place(a: Claim, b: Claim) -> bool:
 def _is_listed(claim: Claim, candidates: Sequence[Mapping[str, Any]]) -> bool:
     """Whether a claim is among the candidates that are significant and yet not claimed."""
     return any(
-        c["is_claimable"] and c["effect"] == claim["effect"] and c["level"] == _level(claim)
+        c["is_claimable"]
+        and _has_effect_of(c, claim)
+        and _without_change_point(c["level"]) == _without_change_point(_level(claim))
         for c in candidates
     )
 
@@ -175,8 +177,7 @@ def _is_listed(claim: Claim, candidates: Sequence[Mapping[str, Any]]) -> bool:
 def _level(claim: Claim) -> str:
     if "level" in claim:
         return str(claim["level"])
-    x, y = claim["centres"][0]
-    return f"at a place, ({x:.0f}, {y:.0f}) m"
+    return place_text(claim["centres"][0])
 
 
 def _size(claim: Claim | None) -> str:

@@ -243,12 +243,18 @@ def test_a_comparison_knows_ties_and_places_that_touch() -> None:
     assert (status.count("new"), status.count("no longer claimed")) == (2, 2)
     # Such as a place that was passed on one day only.
     listed = {
-        "effect": "road_grade", "level": "at a place, (210, 270) m", "is_claimable": True,
+        "effect": "road_grade", "parameter": "grade", "level": "at a place, (210, 270) m",
+        "is_claimable": True,
     }  # fmt: skip
-    after["places"], after["not_claimed"] = [], [listed]
+    (ramp,) = [c for c in after["claims"] if c["kind"] == "ramp"]
+    # With another change point.
+    trend = {**ramp, "level": "growing from day 3 on in car03", "is_claimable": True}
+    after["claims"] = [c for c in after["claims"] if c is not ramp]
+    after["places"], after["not_claimed"] = [], [listed, trend]
     rows = {row[0]: row[4] for row in compared_claims(before, after)}
     grade = f"{title('road_grade')}, grade"
     assert rows[grade] == "no longer claimed, but still a candidate"
+    assert rows[f"{title(ramp['effect'])}, {ramp['parameter']}"] == rows[grade]
 
 
 def test_changes_of_one_effect_are_compared_with_the_nearest() -> None:
