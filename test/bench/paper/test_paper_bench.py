@@ -196,9 +196,10 @@ def test_the_effect_is_examined_alone(
     out = tmp_path / "out"
     assert main(["bench", "paper", "--only-effect", "--jobs", "1", "--out", str(out)]) == 0
     printed = capsys.readouterr().out.splitlines()
-    assert [line.split(",")[0] for line in printed[1:]] == [
+    assert [line.split(",")[0] for line in printed[1:-1]] == [
         "As innovations", "As a-posteriori errors"
     ]  # fmt: skip
+    assert printed[-1].startswith("The paper's 2000 epochs are not among these readings")
     assert sorted(path.name for path in out.iterdir()) == ["online_effect.csv", "online_effect.md"]
 
 
