@@ -60,7 +60,7 @@ def test_report_contains_the_result_and_both_models(tmp_path: Path) -> None:
     write_report(drag(), tmp_path / "report")
     assert not (tmp_path / "report.part").exists()
     answer = json.loads((tmp_path / "report" / "mismatch.json").read_text())
-    assert answer["schema"] == 1
+    assert answer["schema"] == 2
     assert answer["effects"][0]["where"]["kind"] == "always"
     assert set(answer["fit"]["before"]) == {"v_x", "v_y", "yaw_rate"}
     corrected = yaml.safe_load((tmp_path / "report" / "corrected.yaml").read_text())

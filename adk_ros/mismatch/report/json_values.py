@@ -5,9 +5,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
+from adk_ros.mismatch.inference.identifiability import CompetingEffect
 from adk_ros.mismatch.inference.result import Interval
 from adk_ros.mismatch.report.tie_rows import MAX_SHOWN
 
@@ -27,3 +28,11 @@ def json_interval(x: Interval) -> dict[str, float | None]:
 def json_parameters(parameters: Mapping[str, Interval]) -> dict[str, Any]:
     """Return value, limits and unit of each parameter."""
     return {name: {**json_interval(x), "unit": x.unit} for name, x in parameters.items()}
+
+
+def json_competing_effects(competitors: Sequence[CompetingEffect]) -> list[dict[str, Any]]:
+    """Return name and loss difference of each effect that was fitted in the place of another."""
+    return [
+        {"name": competitor.name, "loss_difference": json_number(competitor.loss_difference)}
+        for competitor in competitors
+    ]

@@ -26,7 +26,11 @@ from adk_ros.mismatch.report.agreement_table import agreement_dict
 from adk_ros.mismatch.report.calibration_parameters import parameters_by_effect
 from adk_ros.mismatch.report.calibration_table import calibrations_as_dict, category_as_dict
 from adk_ros.mismatch.report.direct_table import direct_as_dicts
-from adk_ros.mismatch.report.json_values import json_number, json_parameters
+from adk_ros.mismatch.report.json_values import (
+    json_competing_effects,
+    json_number,
+    json_parameters,
+)
 from adk_ros.mismatch.report.opening_json import opening_as_dict
 from adk_ros.mismatch.report.recording_texts import onset_text, segment_texts
 from adk_ros.mismatch.report.report_page import FIGURES, PAGE, write_page, write_scope_page
@@ -39,7 +43,8 @@ from adk_ros.mismatch.report.summary import (
 )
 from adk_ros.mismatch.report.vocabulary import unit_text
 
-SCHEMA = 1
+SCHEMA = 2
+"""Version of `mismatch.json`; 1: other names of `competing_effects` and `surrogate_error`."""
 RESULT_FILE, SIMULATION_FILE, CORRECTED_FILE = "mismatch.json", "simulation.yaml", "corrected.yaml"
 HELD_OUT_FILE = "held_out.yaml"
 """Corrected model fitted to the first part only; the held-out errors are computed with it."""
@@ -72,10 +77,7 @@ def as_dict(result: MismatchResult) -> dict[str, Any]:
                     "text": where_text(effect),
                 },
                 "equations": list(effect.effect.equations),
-                "rivals": [
-                    {"name": competitor.name, "behind": json_number(competitor.loss_difference)}
-                    for competitor in effect.competitors
-                ],
+                "competing_effects": json_competing_effects(effect.competitors),
                 "evidence": _evidence(effect.evidence),
                 **category_as_dict(effect, parameters),
             }
@@ -94,7 +96,7 @@ def as_dict(result: MismatchResult) -> dict[str, Any]:
         "identifiability": {"groups": result.groups, "suggest": result.suggestion},
         "sentence": sentence(result),
         "notes": list(result.notes),
-        "stand_in_error": {name: json_number(x) for name, x in result.surrogate_error.items()},
+        "surrogate_error": {name: json_number(x) for name, x in result.surrogate_error.items()},
     }
     answer["selection"] = {
         "expected_loss": json_number(result.expected_loss),

@@ -9,11 +9,16 @@ from typing import Any
 
 from adk_ros.mismatch.inference.result import EXPLAINED, IdentifiedEffect
 from adk_ros.mismatch.report.effect_text import effect_text
-from adk_ros.mismatch.report.json_values import json_number, json_parameters
+from adk_ros.mismatch.report.json_values import (
+    json_competing_effects,
+    json_number,
+    json_parameters,
+)
 from adk_ros.mismatch.report.vocabulary import CHANNEL_TITLES, listed
 
 PRELIMINARY, FINAL, WITHDRAWN = "preliminary", "final", "withdrawn"
-SCHEMA = 1
+SCHEMA = 2
+"""Version of the message; 1: another name of `competing_effects`."""
 
 
 @dataclass(frozen=True)
@@ -93,8 +98,5 @@ def _effect(effect: IdentifiedEffect) -> dict[str, Any]:
         "alternatives": effect.alternatives,
         "parameters": json_parameters(effect.parameters),
         "equations": list(effect.effect.equations),
-        "rivals": [
-            {"name": competitor.name, "behind": json_number(competitor.loss_difference)}
-            for competitor in effect.competitors
-        ],
+        "competing_effects": json_competing_effects(effect.competitors),
     }

@@ -130,8 +130,20 @@ def test_an_underfitting_surrogate_makes_the_result_inconclusive(tmp_path: Path)
     assert "on a flat road" in text
     written = json.loads((tmp_path / "off" / "mismatch.json").read_text())
     assert "odometry speed (0.1 m/s)" in written["caveat"]
-    assert written["stand_in_error"]["v_x"] == 0.1
+    assert written["surrogate_error"]["v_x"] == 0.1
     assert "caveat" not in as_dict(base)
+
+
+def test_competing_effects_are_written_with_their_loss_difference(
+    folders: dict[str, Path],
+) -> None:
+    written = json.loads((folders["drag"] / "mismatch.json").read_text())
+    (effect,) = written["effects"]
+    assert effect["alternatives"] == ["headwind"]
+    assert effect["competing_effects"] == [
+        {"name": "headwind", "loss_difference": 3.0},
+        {"name": "payload", "loss_difference": 20000.0},
+    ]
 
 
 def test_alternatives_and_ties_are_listed(folders: dict[str, Path]) -> None:

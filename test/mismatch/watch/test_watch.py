@@ -35,7 +35,12 @@ def test_a_change_is_named_with_onset_and_size_and_becomes_the_reference() -> No
     assert first.alarm_s - ONSET_S <= 20.0
     assert changes[-1].until_s - ONSET_S <= 90.0
     content = json.loads(json.dumps(changes[-1].as_dict()))
+    assert content["schema"] == 2
     assert content["effects"][0]["name"] == "payload"
+    competitors = changes[-1].best.competitors
+    assert [x["name"] for x in content["effects"][0]["competing_effects"]] == [
+        x.name for x in competitors
+    ]
     assert content["onset"]["stamp_ns"] == pytest.approx((ONSET_S + 1.0) * 1e9, abs=1e9)
     assert "more mass" in content["sentence"]
     # The change is part of the model from now on, and a new reference is learnt.
