@@ -160,9 +160,11 @@ def compare(reference: Signals, tested: Signals, wheelbase: float) -> Comparison
         if best is None or len(changes) == MAX_CHANGES:
             break
         limit = best.chi2 + 2.0 * np.log(MAX_ODDS)
-        rivals = [x for x in fits if x is not best and x.chi2 < limit and x.standard_errors > 0.0]
+        candidates = [
+            x for x in fits if x is not best and x.chi2 < limit and x.standard_errors > 0.0
+        ]
         is_of_road = best.fault.is_of_road and is_same_course is False
-        changes.append(Change(best, tuple(sorted(rivals, key=lambda x: x.chi2)), is_of_road))
+        changes.append(Change(best, tuple(sorted(candidates, key=lambda x: x.chi2)), is_of_road))
         tested = best.fault.remove(tested, best.size)
     missing = tuple(fault for fault in FAULTS if fault not in faults)
     return Comparison(tuple(changes), tuple(fits), names, missing, is_same_course)

@@ -130,7 +130,7 @@ def test_all_records_count_by_their_starts() -> None:
 
 
 def test_a_predictor_that_one_record_lacks_is_left_out() -> None:
-    """The IMU's integration is no rival where there is none."""
+    """IMU integration is not compared where a record has no IMU."""
     with_imu = record("town", 60.0)
     assert "IMU integration" in scored(small().run.model, with_imu).scores
     without = record("town", 60.0, imu=False)

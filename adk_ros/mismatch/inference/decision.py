@@ -224,7 +224,7 @@ def _resolve_competitors(
         else:
             refused.add((competitor.of, competitor.name))
     return h, {
-        i: one.without_alternatives(refused).without_rivals(refuted)
+        i: one.without_alternatives(refused).without_competitors(refuted)
         for i, one in identifiability.items()
     }
 

@@ -86,13 +86,14 @@ class Identifiability:
     """
     The loss an effect saves, and its competing effects, closest first.
 
-    `scores`: those with the effect; `every_rival`: name and scores of what may be in its place.
+    `scores`: those with the effect; `competitor_scores`: name and scores of what may be in its
+    place, a competing effect or none.
     """
 
     gain: float
     competitors: tuple[CompetingEffect, ...]
     scores: LeftOutScores
-    every_rival: tuple[tuple[str, LeftOutScores], ...]
+    competitor_scores: tuple[tuple[str, LeftOutScores], ...]
 
     @property
     def alternatives(self) -> list[str]:
@@ -101,9 +102,9 @@ class Identifiability:
 
     @property
     def alternatives_to(self) -> tuple[tuple[str, LeftOutScores], ...]:
-        """Name and scores of rivals, those that the data do not distinguish from it excepted."""
+        """Name and scores of what may be in its place, if the data distinguish it."""
         tied = self.alternatives
-        return tuple((name, scores) for name, scores in self.every_rival if name not in tied)
+        return tuple((name, scores) for name, scores in self.competitor_scores if name not in tied)
 
     def without_alternatives(self, refused: Collection[tuple[str, str]]) -> Identifiability:
         """Return it with competitors (of, name) that are no alternatives, whatever their loss."""
@@ -113,12 +114,12 @@ class Identifiability:
         )
         return replace(self, competitors=competitors)
 
-    def without_rivals(self, names: Collection[str]) -> Identifiability:
+    def without_competitors(self, names: Collection[str]) -> Identifiability:
         """Return it without the competitors of these names, which are not in its place."""
         return replace(
             self,
             competitors=tuple(c for c in self.competitors if c.name not in names),
-            every_rival=tuple(rival for rival in self.every_rival if rival[0] not in names),
+            competitor_scores=tuple(x for x in self.competitor_scores if x[0] not in names),
         )
 
 

@@ -145,13 +145,13 @@ def test_all_methods_get_the_same_data(report: Path, tmp_path: Path) -> None:
     worker.write_text(textwrap.dedent(STAND_IN))
     label: dict[str, Any] = {"effects": [{"name": "aero_drag"}]}
     answer = {"verdict": "explained", "effects": [{"name": "aero_drag"}]}
-    rivals = Baselines(Path(sys.executable), worker)
+    baselines = Baselines(Path(sys.executable), worker)
     try:
-        rows = rivals.compare_baselines(
+        rows = baselines.compare_baselines(
             case("aero_drag", cda=1.0).recording, report, label, answer
         )
     finally:
-        rivals.close()
+        baselines.close()
     assert [row["method"] for row in rows] == [ADK_MISMATCH, *METHODS]
     ours = rows[0]
     assert ours["right"]
@@ -177,6 +177,6 @@ def test_all_methods_get_the_same_data(report: Path, tmp_path: Path) -> None:
 
 def test_a_missing_environment_is_reported(report: Path) -> None:
     """The real worker in a Python without the libraries."""
-    rivals = Baselines(Path(sys.executable))
+    baselines = Baselines(Path(sys.executable))
     with pytest.raises(UsageError, match="run `make peers`"):
-        rivals.compare_baselines(case().recording, report, {"effects": []}, {"verdict": "none"})
+        baselines.compare_baselines(case().recording, report, {"effects": []}, {"verdict": "none"})
