@@ -93,8 +93,8 @@ def result_of(missing: str = "", effects: tuple[IdentifiedEffect, ...] = ()) -> 
         else {"v_x": 0.145, "v_y": 0.018, "yaw_rate": 0.005},
         groups=[[f.effect.name, *f.alternatives] for f in effects if f.alternatives],
         suggestion="; ".join(f.effect.manoeuvre for f in effects if f.alternatives),
-        simulation_yaml="model: stand_in\n",
-        corrected_yaml="model: stand_in\nterms: []\n",
+        simulation_yaml="model: surrogate\n",
+        corrected_yaml="model: surrogate\nterms: []\n",
         series=series(missing),
         surrogate_error=dict.fromkeys(CHANNELS, 1e-3),
         steps=[

@@ -112,7 +112,7 @@ def removals(plain: SurrogateModel) -> tuple[Removal, ...]:
 class CalibratedSurrogate:
     """A recording with torque commands, and the surrogate model calibrated on it."""
 
-    stand_in: SurrogateModel
+    surrogate: SurrogateModel
     drive: SensorLog
     notes: tuple[str, ...]
 
@@ -169,8 +169,8 @@ def calibrate_surrogate(
         nominal.parameters(), np.zeros(6), np.zeros((6, 1)), np.empty((0, SIZE))
     )).parameters  # fmt: skip
     problem = prepare_residual_problem(with_pseudo_imu(part))
-    stand_in = _calibrate(problem, start, scope.lost_channels())
-    return CalibratedSurrogate(stand_in, part, tuple(notes))
+    surrogate = _calibrate(problem, start, scope.lost_channels())
+    return CalibratedSurrogate(surrogate, part, tuple(notes))
 
 
 def _calibrate(
@@ -244,19 +244,19 @@ def run_ablation(
     tell(0.0, 1.0, f"{recording.name}: calibrating")
     done = calibrate_surrogate(recording, nominal)
     begin, end = float(done.drive.odometry_s[0]), float(done.drive.odometry_s[-1])
-    cases: list[Removal | None] = [None, *removals(done.stand_in)]
+    cases: list[Removal | None] = [None, *removals(done.surrogate)]
     out = []
     for i, removal in enumerate(cases):
         name = "" if removal is None else removal.effect
         tell(0.3 + 0.7 * i / len(cases), 1.0, f"{recording.name}: without {name or 'nothing'}")
-        stand_in = done.stand_in if removal is None else removal.out_of(done.stand_in)
+        surrogate = done.surrogate if removal is None else removal.out_of(done.surrogate)
         label = (
             {"plant": ABLATION_FILE, "effects": []}
             if removal is None
             else removal.label(begin, end)
         )
         started = time.process_time()
-        found = identify_mismatch(stand_in, done.drive, nominal)
+        found = identify_mismatch(surrogate, done.drive, nominal)
         result = score_case(
             f"{recording.name}, {name or 'nothing'} removed", label, as_dict(found)
         )

@@ -58,7 +58,7 @@ def calibrated_model(
     :raises DataError: the first recording is not usable.
     """
     calibrated = calibrate_surrogate(before, nominal, infer_torque=True)
-    car = calibrated.stand_in
+    car = calibrated.surrogate
     scope = observable_effects(after, nominal.mass, nominal.wheel_radius, after.imu_s.size > 0)
     given = "v_x" in scope.not_predicted()
     return replace(car, open_loop_error=open_loop_error(car, calibrated.drive, given)), scope

@@ -45,16 +45,16 @@ def test_a_term_is_removed_from_the_calibrated_surrogate() -> None:
     calibrated = calibrate_surrogate(with_pedal(case().recording), case().nominal)
     (note,) = calibrated.notes
     assert "full brake" in note
-    assert calibrated.stand_in.error[[0, 3]].max() < 0.2
-    drag, steering = removals(calibrated.stand_in)
-    less = steering.out_of(calibrated.stand_in)
+    assert calibrated.surrogate.error[[0, 3]].max() < 0.2
+    drag, steering = removals(calibrated.surrogate)
+    less = steering.out_of(calibrated.surrogate)
     i = INDEX["steer_gain"]
-    assert less.parameters[i] == pytest.approx(calibrated.stand_in.parameters[i] * 2.0 / 3.0)
-    assert drag.out_of(calibrated.stand_in).parameters[INDEX["drag_area"]] == 0.0
+    assert less.parameters[i] == pytest.approx(calibrated.surrogate.parameters[i] * 2.0 / 3.0)
+    assert drag.out_of(calibrated.surrogate).parameters[INDEX["drag_area"]] == 0.0
     label = steering.label(0.0, 10.0)
     (effect,) = label["effects"]
     assert effect["params"]["scale"] == pytest.approx(
-        1.0 + calibrated.stand_in.parameters[i] / 3.0
+        1.0 + calibrated.surrogate.parameters[i] / 3.0
     )
     assert score_case("x", label, {"verdict": "none"}).kind == "single"
 

@@ -38,7 +38,7 @@ from adk_ros.signals.channels import STATE_NAMES
 DRAG = {"effect": "aero_drag", "parameters": {"cda": 1.0}}
 
 # Answers any job with nothing found, but for one method, which predicts one.
-STAND_IN = """
+FAKE_WORKER = """
 import sys
 import numpy as np
 
@@ -142,7 +142,7 @@ def test_all_feature_meanings_are_effects() -> None:
 
 def test_all_methods_get_the_same_data(report: Path, tmp_path: Path) -> None:
     worker = tmp_path / "worker.py"
-    worker.write_text(textwrap.dedent(STAND_IN))
+    worker.write_text(textwrap.dedent(FAKE_WORKER))
     label: dict[str, Any] = {"effects": [{"name": "aero_drag"}]}
     answer = {"verdict": "explained", "effects": [{"name": "aero_drag"}]}
     baselines = Baselines(Path(sys.executable), worker)

@@ -27,7 +27,7 @@ from adk_ros.signals.channels import TICK_NS, Flag, Record
 ROOT = Path(__file__).resolve().parents[3]
 
 # Predicts that x stays, after what a fit has told it to add; says what it was given.
-STAND_IN = """
+FAKE_WORKER = """
 import sys
 import numpy as np
 
@@ -49,8 +49,8 @@ for line in sys.stdin:
 """
 
 
-def script(folder: Path, text: str = STAND_IN, check: float = 1e-9) -> Path:
-    path = folder / "stand_in.py"
+def script(folder: Path, text: str = FAKE_WORKER, check: float = 1e-9) -> Path:
+    path = folder / "fake_worker.py"
     path.write_text(textwrap.dedent(text).replace("= CHECK", f"= {check!r}"))
     return path
 
@@ -64,7 +64,7 @@ def record(n: int = 300, seed: int = 0) -> Record:
     return Record(stamps, x, u, np.zeros((n, 2)), zeros, x.copy(), zeros.copy())
 
 
-def fitted(folder: Path, text: str = STAND_IN, check: float = 1e-9, **options: Any) -> Peers:
+def fitted(folder: Path, text: str = FAKE_WORKER, check: float = 1e-9, **options: Any) -> Peers:
     return Peers([record()], sys.executable, worker=script(folder, text, check), **options)
 
 
@@ -192,13 +192,13 @@ def test_a_hanging_worker_is_stopped(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("check", [1e-3, float("nan")])
 def test_batches_that_differ_from_the_library_are_refused(tmp_path: Path, check: float) -> None:
-    text = STAND_IN.replace("CHECK", f"float('{check}')")
+    text = FAKE_WORKER.replace("CHECK", f"float('{check}')")
     with pytest.raises(DataError, match="batch predictions differ"):
         fitted(tmp_path, text)
 
 
 def test_an_answer_of_another_shape_is_refused(tmp_path: Path) -> None:
-    text = STAND_IN.replace('int(job["ahead"])', "2")
+    text = FAKE_WORKER.replace('int(job["ahead"])', "2")
     with fitted(tmp_path, text) as both, pytest.raises(DataError, match=r"shape \(1, 2, 3\)"):
         both.predictors[0].predict(record(), np.array([5]), 4)
 

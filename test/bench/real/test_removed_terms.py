@@ -107,7 +107,7 @@ def outcomes_of(result: MismatchResult, monkeypatch: pytest.MonkeyPatch) -> list
 
 class _Calibrated:
     def __init__(self, *arguments: object, **options: object) -> None:
-        self.stand_in = model(drag_area=0.5)
+        self.surrogate = model(drag_area=0.5)
         self.drive = case().recording
 
 

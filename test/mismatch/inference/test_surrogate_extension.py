@@ -86,7 +86,7 @@ def driven(seed: int, more_drag: float = 0.0) -> tuple[SensorLog, Vehicle]:
 
 @cache
 def hilly_problem() -> tuple[ResidualProblem, SurrogateModel, SurrogateModel]:
-    """The problem, the stand-in without what was learned, and with it."""
+    """The problem, the surrogate without what was learned, and with it."""
     log, car = driven(1)
     problem = prepare_residual_problem(log)
     start = nominal_vehicle_of(car).parameters()

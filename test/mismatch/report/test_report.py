@@ -107,7 +107,7 @@ def test_the_folder_holds_result_and_models(folders: dict[str, Path]) -> None:
     for name, folder in folders.items():
         written = json.loads((folder / "mismatch.json").read_text())
         assert written["verdict"] == MADE[name]().verdict
-        assert (folder / "simulation.yaml").read_text() == "model: stand_in\n"
+        assert (folder / "simulation.yaml").read_text() == "model: surrogate\n"
         assert (folder / "corrected.yaml").exists()
         assert not list(folder.parent.glob(".mismatch_*"))
 
