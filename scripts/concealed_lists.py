@@ -5,7 +5,7 @@ Print the results of all lists of `adk bench concealed --own` in a folder, and t
 
     python scripts/concealed_lists.py [doc/concealed/lists]
 
-A file `seed_S_COMMIT.txt` is the `bars.txt` that the list of seed S gave at that commit.
+A file `seed_S_COMMIT.txt` is the `criteria.txt` that the list of seed S gave at that commit.
 """
 
 from __future__ import annotations

@@ -13,10 +13,11 @@ from pathlib import Path
 from PIL import Image
 
 from adk_ros.bench.paper.criteria import brief
+from adk_ros.bench.paper.criterion import CRITERIA_FILE, EARLIER_CRITERIA_FILE
 from adk_ros.signals.score import DISPLAY_NAMES
 
 PAPER = Path(__file__).resolve().parents[1] / "doc" / "paper"
-FILES = ("report.html", "headline.md", "headline.csv", "claims.md", "bars.txt")
+FILES = ("report.html", "headline.md", "headline.csv", "claims.md", CRITERIA_FILE)
 FOLDERS = {"tables": (".md", ".csv"), "figures": (".png",)}
 MAX_BYTES = 6_000_000
 COLOURS = 64
@@ -26,6 +27,13 @@ RENAMED_CRITERIA = {
     "coverage-by-cell": "coverage-by-combination",
 }
 """Names in reports that `adk bench paper` has written before, and the present ones."""
+
+
+def _stored(folder: Path, name: str) -> Path:
+    """Return the path of a file of a report, also of one of 0.1.0."""
+    if name == CRITERIA_FILE and not (folder / name).exists():
+        return folder / EARLIER_CRITERIA_FILE
+    return folder / name
 
 
 def paper_summary(folder: Path = PAPER) -> str:
@@ -43,7 +51,7 @@ def paper_summary(folder: Path = PAPER) -> str:
         "Acceptance criteria and results:",
         "",
     ]
-    for line in (folder / "bars.txt").read_text().splitlines():
+    for line in _stored(folder, CRITERIA_FILE).read_text().splitlines():
         verdict, stored, figure = line.split(" ", 2)
         name = RENAMED_CRITERIA.get(stored, stored)
         lines.append(f"- **{verdict}** `{name}`: {brief(figure)}")
@@ -62,10 +70,10 @@ def take_report(run: Path, paper: Path = PAPER) -> int:
 
     Raises SystemExit, and changes nothing, if a file is missing or the report is too large.
     """
-    missing = [name for name in (*FILES, *FOLDERS) if not (run / name).exists()]
+    missing = [name for name in (*FILES, *FOLDERS) if not _stored(run, name).exists()]
     if missing:
         raise SystemExit(f"{run} is not a report of `adk bench paper`: it has no {missing[0]}")
-    contents = {name: (run / name).read_bytes() for name in FILES}
+    contents = {name: _stored(run, name).read_bytes() for name in FILES}
     for folder, endings in FOLDERS.items():
         for path in sorted((run / folder).iterdir()):
             if path.suffix in endings:
@@ -82,7 +90,7 @@ def take_report(run: Path, paper: Path = PAPER) -> int:
             f"{run} has {size / 1e6:.1f} MB for doc/paper: {MAX_BYTES / 1e6:g} at most"
         )
     for name in FILES:
-        (paper / name).unlink(missing_ok=True)
+        _stored(paper, name).unlink(missing_ok=True)
     for folder in FOLDERS:
         shutil.rmtree(paper / folder, ignore_errors=True)
         (paper / folder).mkdir(parents=True)

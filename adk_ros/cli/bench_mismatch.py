@@ -120,13 +120,9 @@ def concealed(
     from adk_ros.bench.mismatch.factorial import factorial_plans
     from adk_ros.bench.mismatch.mismatch_bench import SCORED, MismatchBench
     from adk_ros.bench.mismatch.reliability import reliability_markdown
-    from adk_ros.bench.mismatch.result_tables import (
-        CRITERIA_FILE,
-        baseline_results,
-        markdown,
-        write_tables,
-    )
     from adk_ros.bench.mismatch.result_tables import as_json as content
+    from adk_ros.bench.mismatch.result_tables import baseline_results, markdown, write_tables
+    from adk_ros.bench.paper.criterion import CRITERIA_FILE, EARLIER_CRITERIA_FILE
     from adk_ros.bench.vehicles.multibody import MULTI_BODY, base_parameters
     from adk_ros.files.output_folder import check_output_folder, refuse_existing
     from adk_ros.shutdown import TERMINATED, Terminated, graceful_shutdown
@@ -163,7 +159,8 @@ def concealed(
     if resume and out is None:
         raise UsageError("--resume continues the run in --out FOLDER: name it")
     if out is not None:
-        refuse_existing(out, force or resume, result_files=(CRITERIA_FILE, f"*/{SCORED}"))
+        earlier = (CRITERIA_FILE, EARLIER_CRITERIA_FILE, f"*/{SCORED}")
+        refuse_existing(out, force or resume, result_files=earlier)
         check_output_folder(out)
     if cases is not None:
         todo = jobs_of(cases)
@@ -242,7 +239,7 @@ def _ablate(folder: Path, vehicle: Path | None, as_json: bool) -> None:
     if as_json:
         console.print_json({
             "asked": [asdict(item) | {"score": case_json(item.score)} for item in results],
-            "bars": [asdict(criterion) for criterion in criteria],
+            "criteria": [asdict(criterion) for criterion in criteria],
         })  # fmt: skip
         return
     for item in results:

@@ -137,7 +137,7 @@ def paper(
     if as_json:
         console.print_json(
             {
-                "bars": [vars(item) for item in report.bars],
+                "criteria": [vars(item) for item in report.criteria],
                 "claims": [
                     {"section": c.section, "claim": c.text, "verdict": c.verdict}
                     for c in report.claims
@@ -147,7 +147,7 @@ def paper(
             }
         )
         return
-    for item in report.bars:
+    for item in report.criteria:
         console.output.print(str(item), markup=False)
     console.flush()
     console.note(f"the paper's claims: {counts(report.claims)}")

@@ -72,9 +72,9 @@ def test_the_bench_runs_and_scores_a_case(
     assert score["right"] == 1.0
     assert score["errors"]["aero_drag.cda"] < 0.05
     assert score["removed"]["v_x"] > 0.7
-    (first, *_) = result["bars"]
+    (first, *_) = result["criteria"]
     assert (first["name"], first["verdict"]) == ("singles-strength-1", "PASS")
-    assert (tmp_path / "out" / "bars.txt").is_file()
+    assert (tmp_path / "out" / "criteria.txt").is_file()
     report = tmp_path / "out" / "drag"
     assert {p.name for p in report.iterdir()} >= {
         "mismatch.json",
@@ -205,7 +205,10 @@ def test_bench_results_are_not_replaced_unasked(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     arguments = ("bench", "concealed", "--cases", str(folder.parent), "--out", str(tmp_path))
-    (tmp_path / "bars.txt").write_text("PASS\n")
+    (tmp_path / "criteria.txt").write_text("PASS\n")
+    assert "holds an earlier result: add --force" in refused(capsys, 2, *arguments)
+    # The name of the file in 0.1.0.
+    (tmp_path / "criteria.txt").rename(tmp_path / "bars.txt")
     assert "holds an earlier result: add --force" in refused(capsys, 2, *arguments)
     (tmp_path / "bars.txt").rename(tmp_path / "notes.txt")
     assert "holds no earlier result" in refused(capsys, 2, *arguments, "--force")

@@ -256,7 +256,7 @@ def run(tmp_path: Path) -> Path:
         (folder / name).mkdir(parents=True)
     board = good_board()
     headline(board, "One seed.").write(folder)
-    (folder / "bars.txt").write_text(
+    (folder / "criteria.txt").write_text(
         "".join(f"{criterion}\n" for criterion in evaluate_paper_criteria(board, None))
     )
     figure, axis = plt.subplots()
@@ -285,7 +285,7 @@ def test_report_is_copied_and_summarised(run: Path, tmp_path: Path) -> None:
     size = paper_report.take_report(run, paper)
     files = {path.relative_to(paper).as_posix() for path in paper.rglob("*") if path.is_file()}
     assert files == {
-        "report.html", "headline.md", "headline.csv", "claims.md", "bars.txt",
+        "report.html", "headline.md", "headline.csv", "claims.md", "criteria.txt",
         "tables/summary.md", "figures/summary.png",
     }  # fmt: skip
     assert size == sum((paper / name).stat().st_size for name in files)
@@ -304,12 +304,24 @@ def test_criteria_of_an_earlier_report_have_their_present_names(run: Path) -> No
     now = paper_report.paper_summary(run)
     assert "`no-combination-above-1`" in now
     assert "`coverage-by-combination`" in now
-    criteria = (run / "bars.txt").read_text()
+    criteria = (run / "criteria.txt").read_text()
     for before, name in paper_report.RENAMED_CRITERIA.items():
         assert f" {name} " in criteria
         criteria = criteria.replace(f" {name} ", f" {before} ")
-    (run / "bars.txt").write_text(criteria)
+    (run / "criteria.txt").write_text(criteria)
     assert paper_report.paper_summary(run) == now
+
+
+def test_an_earlier_report_is_copied_under_the_present_names(run: Path, tmp_path: Path) -> None:
+    now = paper_report.paper_summary(run)
+    (run / "criteria.txt").rename(run / "bars.txt")
+    assert paper_report.paper_summary(run) == now
+    paper = tmp_path / "paper"
+    paper.mkdir()
+    (paper / "bars.txt").write_text("of the previous report\n")
+    paper_report.take_report(run, paper)
+    assert not (paper / "bars.txt").exists()
+    assert paper_report.paper_summary(paper) == now
 
 
 def test_incomplete_or_large_report_changes_nothing(

@@ -58,16 +58,16 @@ MEMORY_MOST_MIB = 1024.0
 
 @dataclass(frozen=True)
 class Criterion:
-    """Result of one criterion: `bar` is the requirement, `cases` the number of cases."""
+    """Result of one criterion: `required` is the requirement, `cases` the number of cases."""
 
     verdict: str
     name: str
     figure: str
-    bar: str
+    required: str
     cases: int
 
     def __str__(self) -> str:
-        return f"{self.verdict} {self.name} {self.figure} ({self.bar})"
+        return f"{self.verdict} {self.name} {self.figure} ({self.required})"
 
 
 def _criterion(name: str, cases: int, required: str, passed: bool, figure: str) -> Criterion:
@@ -94,9 +94,9 @@ def _median(
     value = float(np.median(values)) if values else 0.0
     passed = value <= limit if most else value >= limit
     factor, unit = (100.0, " %") if percent else (1.0, "")
-    bar = f"{'at most' if most else 'at least'} {factor * limit:g}{unit} in the median"
+    required = f"{'at most' if most else 'at least'} {factor * limit:g}{unit} in the median"
     figure = f"{factor * value:.3g}{unit} over {len(values)} figures of {cases} cases"
-    return _criterion(name, len(values) and cases, bar, passed, figure)
+    return _criterion(name, len(values) and cases, required, passed, figure)
 
 
 def evaluate_criteria(scores: Sequence[CaseResult]) -> list[Criterion]:
@@ -270,13 +270,14 @@ def _confident(scores: Sequence[CaseResult]) -> Criterion:
 
 
 def _coverage(covered: Sequence[bool]) -> Criterion:
-    name, bar = "interval-coverage", f"{100 * COVERAGE[0]:g} to {100 * COVERAGE[1]:g} %"
+    name = "interval-coverage"
+    required = f"{100 * COVERAGE[0]:g} to {100 * COVERAGE[1]:g} %"
     inside = float(np.mean(covered)) if covered else 0.0
     figure = f"{100.0 * inside:.1f} % of {len(covered)} intervals"
     if 0 < len(covered) < COVERED_LEAST:
         figure += f", at least {COVERED_LEAST} are needed"
-        return Criterion(NONE, name, figure, bar, len(covered))
-    return _criterion(name, len(covered), bar, COVERAGE[0] <= inside <= COVERAGE[1], figure)
+        return Criterion(NONE, name, figure, required, len(covered))
+    return _criterion(name, len(covered), required, COVERAGE[0] <= inside <= COVERAGE[1], figure)
 
 
 def _seconds(ran: Sequence[CaseResult], cpu: str) -> Criterion:

@@ -22,10 +22,11 @@ from adk_ros.bench.mismatch.reliability import (
     reliability_table,
     write_reliability,
 )
+from adk_ros.bench.paper.criterion import CRITERIA_FILE, EARLIER_CRITERIA_FILE
 from adk_ros.bench.paper.paper_tables import markdown_line
 from adk_ros.numerics.finite import finite
 
-CRITERIA_FILE, TABLE, SCORES, BASELINES_FILE = "bars.txt", "cases.md", "cases.json", "beside.md"
+TABLE, SCORES, BASELINES_FILE = "cases.md", "cases.json", "beside.md"
 FACTORS_FILE, BREAKDOWN_FILE = "factors.md", "breakdown.md"
 _HEADER = (
     "case",
@@ -152,7 +153,7 @@ def as_json(scores: Sequence[CaseResult], criteria: Sequence[Criterion]) -> dict
     }
     return {
         "reliability": finite(reliability),
-        "bars": [asdict(criterion) for criterion in criteria],
+        "criteria": [asdict(criterion) for criterion in criteria],
         "cases": [case_json(s) for s in scores],
     }
 
@@ -161,7 +162,7 @@ def write_tables(scores: Sequence[CaseResult], criteria: Sequence[Criterion], ou
     """
     Write cases, criteria and reliability of the claims, and `beside.md` if baselines ran.
 
-    Cases: `cases.md`, `cases.json`; criteria: `bars.txt`; results by simulator and noise:
+    Cases: `cases.md`, `cases.json`; criteria: `criteria.txt`; results by simulator and noise:
     `factors.md`; what the criteria average over: `breakdown.md`; reliability: table and diagram.
     """
     out.mkdir(parents=True, exist_ok=True)
@@ -178,3 +179,4 @@ def write_tables(scores: Sequence[CaseResult], criteria: Sequence[Criterion], ou
     write_reliability([claim for result in scores for claim in result.claims], out)
     lines = "".join(f"{criterion}\n" for criterion in criteria)
     (out / CRITERIA_FILE).write_text(lines, encoding="utf-8")
+    (out / EARLIER_CRITERIA_FILE).unlink(missing_ok=True)

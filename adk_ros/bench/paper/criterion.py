@@ -7,6 +7,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 PASS, FAIL, INFO = "PASS", "FAIL", "INFO"
+CRITERIA_FILE, EARLIER_CRITERIA_FILE = "criteria.txt", "bars.txt"
+"""File of the criteria in results of a benchmark, and its name in those of 0.1.0."""
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,13 @@ from adk_ros.bench.paper.claims import RULE, Claim, counts
 from adk_ros.bench.paper.claims_list import check_claims as judge_claims
 from adk_ros.bench.paper.claims_list import compared_with
 from adk_ros.bench.paper.criteria import brief, evaluate_paper_criteria
-from adk_ros.bench.paper.criterion import FAIL, PASS, Criterion
+from adk_ros.bench.paper.criterion import (
+    CRITERIA_FILE,
+    EARLIER_CRITERIA_FILE,
+    FAIL,
+    PASS,
+    Criterion,
+)
 from adk_ros.bench.paper.effect_text import effect_tables, effect_text
 from adk_ros.bench.paper.failure_analysis import explain_failures
 from adk_ros.bench.paper.headline import NOT_RUN, Headline, headline
@@ -45,7 +51,7 @@ class PaperReport:
     """The written page, and the criteria, claims and times on it."""
 
     page: Path
-    bars: list[Criterion]
+    criteria: list[Criterion]
     claims: list[Claim]
     times: Table
 
@@ -59,12 +65,12 @@ def write_report(
     provenance: Provenance | None = None,
 ) -> PaperReport:
     """
-    Write `report.html`, `headline.md`, `tables/`, `figures/`, `claims.md`, `bars.txt` and more.
+    Write the page, `headline.md`, `tables/`, `figures/`, `claims.md`, `criteria.txt` and more.
 
     `scratch` is the folder with the predictions of the run. An earlier report in `out` is replaced
     when the new one is complete.
     """
-    with staged_folder(out, (PAGE,)) as staged:
+    with staged_folder(out, (PAGE,), (EARLIER_CRITERIA_FILE,)) as staged:
         return replace(_write(result, plan, scratch, staged, provenance), page=out / PAGE)
 
 
@@ -96,23 +102,24 @@ def _write(
     top.write(out)
     board.write_csv(out / "scores.csv")
     figures = write_figures(board, series, folders["figures"])
-    bars = evaluate_paper_criteria(board, result.recorded, result.without)
+    criteria = evaluate_paper_criteria(board, result.recorded, result.without)
     claims = judge_claims(board, series)
     times = times_table(result)
-    (out / "bars.txt").write_text("".join(f"{bar}\n" for bar in bars))
+    (out / CRITERIA_FILE).write_text("".join(f"{criterion}\n" for criterion in criteria))
     (out / "claims.md").write_text(_claims_text(claims, effect_text(result.readings)))
     page = render_page(
         "adk_ros.bench.paper", "page.html.j2", provenance,
-        lead=lead_text(top, bars), criteria=bars, claims=claims, rule=RULE, count=counts(claims),
+        lead=lead_text(top, criteria), criteria=criteria,
+        claims=claims, rule=RULE, count=counts(claims),
         naive_comparisons=compared_with(board), readings=effect_text(result.readings),
         groups=groups, times=times,
         setting=setting_text(result, plan), notes=result.settings, headline=top,
-        why=explain_failures(board, result.recorded, bars), brief=brief,
+        why=explain_failures(board, result.recorded, criteria), brief=brief,
         figures={title: embed(path, title) for title, path in figures.items()},
     )  # fmt: skip
     path = out / PAGE
     path.write_text(page, encoding="utf-8")
-    return PaperReport(path, bars, claims, times)
+    return PaperReport(path, criteria, claims, times)
 
 
 def lead_text(top: Headline, criteria: list[Criterion]) -> str:

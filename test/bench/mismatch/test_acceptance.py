@@ -53,8 +53,8 @@ def good(kind: str = "single", **changes: Any) -> CaseResult:
     return replace(plain, **changes)
 
 
-def bars(*scores: CaseResult) -> dict[str, Criterion]:
-    return {bar.name: bar for bar in evaluate_criteria(scores)}
+def criteria(*scores: CaseResult) -> dict[str, Criterion]:
+    return {criterion.name: criterion for criterion in evaluate_criteria(scores)}
 
 
 def test_breakdown() -> None:
@@ -91,10 +91,10 @@ def test_breakdown() -> None:
 
 
 def test_a_criterion_without_cases_is_none() -> None:
-    for bar in evaluate_criteria([]):
-        assert bar.verdict == NONE
-        assert str(bar).startswith(f"NONE {bar.name} no case ran (")
-    found = bars(good())
+    for criterion in evaluate_criteria([]):
+        assert criterion.verdict == NONE
+        assert str(criterion).startswith(f"NONE {criterion.name} no case ran (")
+    found = criteria(good())
     assert found["false-alarms"].verdict == NONE
     assert found["singles-strength-0.3"].verdict == NONE
     assert found["where-iou"].verdict == NONE
@@ -132,12 +132,12 @@ def test_a_criterion_without_cases_is_none() -> None:
 def test_each_criterion_passes_and_fails(
     name: str, passing: CaseResult, failing: CaseResult
 ) -> None:
-    assert bars(passing)[name].verdict == PASS
-    assert bars(failing)[name].verdict == FAIL
+    assert criteria(passing)[name].verdict == PASS
+    assert criteria(failing)[name].verdict == FAIL
 
 
 def test_a_criterion_is_one_line_with_its_figure() -> None:
-    both = bars(good(), good(right=0.5))
+    both = criteria(good(), good(right=0.5))
     assert str(both["singles-strength-1"]) == (
         "FAIL singles-strength-1 0.750 of 2 cases (at least 0.97)"
     )
@@ -154,25 +154,27 @@ def test_a_criterion_is_one_line_with_its_figure() -> None:
 def test_few_cases_can_fail_a_criterion_but_not_pass_it(
     name: str, count: int, case: dict[str, Any]
 ) -> None:
-    assert bars(*[good(**case)] * count)[name].verdict == PASS
-    few = bars(*[good(**case)] * (count - 1))[name]
+    assert criteria(*[good(**case)] * count)[name].verdict == PASS
+    few = criteria(*[good(**case)] * (count - 1))[name]
     assert few.verdict == NONE
     assert f"at least {count} are needed" in few.figure
-    assert bars(good(**case), *[good(**case, right=0.0)] * 3)[name].verdict == FAIL
+    assert criteria(good(**case), *[good(**case, right=0.0)] * 3)[name].verdict == FAIL
 
 
 def test_effects_below_their_detectable_size_are_left_out() -> None:
     weak: dict[str, Any] = {"strength": 0.1}
-    criterion = bars(good(**weak), good(**weak, right=0.0, detectable=False))[
+    criterion = criteria(good(**weak), good(**weak, right=0.0, detectable=False))[
         "singles-strength-0.1"
     ]
     assert criterion.verdict == PASS
     assert "1 below their detectable size" in criterion.figure
-    assert bars(good(**weak, right=0.0, detectable=True))["singles-strength-0.1"].verdict == FAIL
+    assert (
+        criteria(good(**weak, right=0.0, detectable=True))["singles-strength-0.1"].verdict == FAIL
+    )
 
 
 def test_the_multi_body_model_has_a_criterion_of_its_own() -> None:
-    found = bars(good(plant="multi_body", right=0.0))
+    found = criteria(good(plant="multi_body", right=0.0))
     assert found["singles-strength-1"].verdict == NONE
     assert found["other-family-simulators"].verdict == NONE
     assert found["multi-body-singles"].verdict == FAIL
@@ -180,26 +182,28 @@ def test_the_multi_body_model_has_a_criterion_of_its_own() -> None:
 
 def test_weak_and_clean_cases_do_not_count_for_other_families() -> None:
     other = {"plant": "fourteen_dof"}
-    found = bars(good("none", **other), good(strength=0.3, right=0.0, **other))
+    found = criteria(good("none", **other), good(strength=0.3, right=0.0, **other))
     assert found["other-family-simulators"].verdict == NONE
 
 
 def test_sensor_faults_are_not_correctable() -> None:
-    found = bars(good(removed={"v_x": 0.0}, correctable=False))
+    found = criteria(good(removed={"v_x": 0.0}, correctable=False))
     assert found["held-out-error-removed"].verdict == NONE
 
 
 def test_tables_list_all_cases(tmp_path: Path) -> None:
     scores = [good(case="first"), good(case="second", reported="a|b")]
+    (tmp_path / "bars.txt").write_text("of 0.1.0\n")
     write_tables(scores, evaluate_criteria(scores), tmp_path)
+    assert not (tmp_path / "bars.txt").exists()
     content = json.loads((tmp_path / "cases.json").read_text())
     assert [case["case"] for case in content["cases"]] == ["first", "second"]
     assert content["cases"][1]["said"] == "a|b"
     table = (tmp_path / "cases.md").read_text().splitlines()
     assert len(table) == 4
     assert "a\\|b" in table[3]
-    lines = (tmp_path / "bars.txt").read_text().splitlines()
-    assert len(lines) == len(content["bars"])
+    lines = (tmp_path / "criteria.txt").read_text().splitlines()
+    assert len(lines) == len(content["criteria"])
     assert content["cases"][0]["claims"][0]["confidence"] == 0.97
     assert content["reliability"]["bins"][-1]["claims"] == 2
     assert (tmp_path / "reliability.png").stat().st_size > 10_000

@@ -24,10 +24,13 @@ from adk_ros.numerics.arrays import FloatArray
 from adk_ros.signals.score import REPORT_SCALE
 
 
-def bars(
+def criteria(
     board: ScoreTable, recorded: RecordingScores | None = None, without: str = ""
 ) -> dict[str, Criterion]:
-    return {bar.name: bar for bar in evaluate_paper_criteria(board, recorded, without)}
+    return {
+        criterion.name: criterion
+        for criterion in evaluate_paper_criteria(board, recorded, without)
+    }
 
 
 def changed(
@@ -47,7 +50,7 @@ def changed(
 
 
 def test_good_scores_pass() -> None:
-    found = bars(good_board())
+    found = criteria(good_board())
     assert found["geometric-mean"].verdict == PASS
     assert found["geometric-mean"].figure.startswith(
         "0.100 of the best naive predictor's RMSE over 300 combinations, at most 0.25"
@@ -63,14 +66,14 @@ def test_good_scores_pass() -> None:
 
 
 def test_the_mean_is_geometric_and_over_all_combinations() -> None:
-    found = bars(board_of({name: 1.0 for name in NAIVE} | {ADK_ROS: 0.3}))
+    found = criteria(board_of({name: 1.0 for name in NAIVE} | {ADK_ROS: 0.3}))
     assert found["geometric-mean"].verdict == FAIL
     assert "0.300 of" in found["geometric-mean"].figure
     board = board_of({name: 1.0 for name in NAIVE} | {ADK_ROS: 0.5})
     for test in TESTS:
         for i in range(len(board.scores[CLEAN, test, ADK_ROS])):
             board.scores[CLEAN, test, ADK_ROS][i] = case_score(0.1)
-    figure = bars(board)["geometric-mean"]
+    figure = criteria(board)["geometric-mean"]
     assert figure.verdict == PASS
     assert "0.224 of" in figure.figure
     assert "(clean 0.100, noisy 0.500)" in figure.figure
@@ -78,10 +81,12 @@ def test_the_mean_is_geometric_and_over_all_combinations() -> None:
 
 def test_a_combination_is_lost_if_all_seeds_are_above() -> None:
     board = changed(good_board(), "winter", ADK_ROS, NOISY, seed=1, at=(2, 1), rmse=9.0)
-    found = bars(board)["no-combination-above-1"]
+    found = criteria(board)["no-combination-above-1"]
     assert found.verdict == PASS
     assert "not for all seeds: noisy winter (v_y 0.5 s 3.07 (0.09 to 9.00))" in found.figure
-    found = bars(changed(board, "gusts", ADK_ROS, at=(4, 0), rmse=1.5))["no-combination-above-1"]
+    found = criteria(changed(board, "gusts", ADK_ROS, at=(4, 0), rmse=1.5))[
+        "no-combination-above-1"
+    ]
     assert found.verdict == FAIL
     assert found.figure.startswith(
         "1 of 300 combinations exceed 1.0 in all seeds: clean gusts (v_x 2 s 1.5"
@@ -92,27 +97,27 @@ def test_nine_of_ten_combinations_suffice_and_the_others_are_named() -> None:
     board = good_board()
     for test in TESTS:
         board = changed(board, test, PYKOOP, at=(0, 0), rmse=0.05)
-    found = bars(board)["ahead-of-pykoop"]
+    found = criteria(board)["ahead-of-pykoop"]
     assert found.verdict == PASS
     assert found.figure.startswith("96.7 % of 300 combinations")
     assert "behind in 10: clean gusts (v_x 1 step 2.00)" in found.figure
     for test in TESTS:
         for at in ((1, 0), (2, 0), (3, 0), (4, 0), (0, 1), (1, 1)):
             board = changed(board, test, PYKOOP, at=at, rmse=0.05)
-    found = bars(board)["ahead-of-pykoop"]
+    found = criteria(board)["ahead-of-pykoop"]
     assert found.verdict == FAIL
     assert found.figure.startswith("76.7 % of 300 combinations")
 
 
 def test_a_tie_does_not_count_as_ahead() -> None:
     board = board_of({name: 1.0 for name in NAIVE} | {ADK_ROS: 0.2, PYKOOP: 0.2})
-    assert bars(board)["ahead-of-pykoop"].figure.startswith("0.0 %")
+    assert criteria(board)["ahead-of-pykoop"].figure.startswith("0.0 %")
 
 
 def test_missing_libraries_are_explained() -> None:
     board = good_board()
     board.drop(PYKOOP, PYKOOPMAN)
-    found = bars(board, without="there is no .venv-peers: run `make peers`")
+    found = criteria(board, without="there is no .venv-peers: run `make peers`")
     for name in ("ahead-of-pykoop", "ahead-of-pykoopman"):
         assert found[name].verdict == FAIL
         assert found[name].figure == "not measured: there is no .venv-peers: run `make peers`"
@@ -123,7 +128,7 @@ def test_coverage_must_be_within_both_bounds() -> None:
     for test in TESTS:
         changed(board, test, ADK_ROS, NOISY, at=(3, 2), rmse=0.1, covered=840)
         changed(board, test, ADK_ROS, CLEAN, at=(0, 0), rmse=0.1, covered=960)
-    found = bars(board)["coverage"]
+    found = criteria(board)["coverage"]
     assert found.verdict == FAIL
     assert "cover 84.0 to 96.0 %" in found.figure
     assert "28 of 30" in found.figure
@@ -134,7 +139,7 @@ def test_coverage_must_be_within_both_bounds() -> None:
 
 def test_coverage_by_test_is_informative_only() -> None:
     board = changed(good_board(), "winter", ADK_ROS, CLEAN, at=(0, 0), rmse=0.1, covered=500)
-    found = bars(board)
+    found = criteria(board)
     assert found["coverage"].verdict == PASS
     assert "299 of 300 combinations within; outside: clean winter (v_x 1 step 50.0 %)" in (
         found["coverage-by-combination"].figure
@@ -146,7 +151,7 @@ def test_coverage_needs_a_covariance() -> None:
     for items in board.scores.values():
         for i, item in enumerate(items):
             items[i] = replace(item, claimed=np.zeros((5, 3), dtype=np.int64))
-    assert bars(board)["coverage"].figure.startswith("not measured")
+    assert criteria(board)["coverage"].figure.startswith("not measured")
 
 
 def test_criteria_on_real_recordings() -> None:
@@ -154,25 +159,25 @@ def test_criteria_on_real_recordings() -> None:
     # One step does not count; 0.5 s does.
     good[0] = 3.0
     bad[2, 1] = 1.2
-    found = bars(good_board(), RecordingScores({"a / a": good, "b / b": good, "a / b": bad}))
+    found = criteria(good_board(), RecordingScores({"a / a": good, "b / b": good, "a / b": bad}))
     assert found["av21"].verdict == PASS
     assert "18 of 18 combinations of 2 recordings" in found["av21"].figure
     assert found["av21-across"].verdict == INFO
     assert found["av21-across"].figure.startswith("8 of 9 combinations")
     assert found["av21-across"].figure.endswith("not below: a / b v_y 0.5 s 1.20")
-    found = bars(good_board(), RecordingScores({"a / a": bad}))
+    found = criteria(good_board(), RecordingScores({"a / a": bad}))
     assert found["av21"].verdict == FAIL
     assert "not below: a / a v_y 0.5 s 1.20" in found["av21"].figure
     assert "av21-across" not in found
 
 
 def test_papers_effect_with_the_papers_figures() -> None:
-    found = bars(_with_ours(papers_board()))["papers-effect"]
+    found = criteria(_with_ours(papers_board()))["papers-effect"]
     assert found.verdict == PASS
     assert "21 of 21 entries" in found.figure
     board = papers_board()
     changed(board, "mountain", SWLS, at=(0, 2), rmse=0.04 * np.pi / 180.0)
-    found = bars(_with_ours(board))["papers-effect"]
+    found = criteria(_with_ours(board))["papers-effect"]
     assert found.verdict == FAIL
     assert found.figure.endswith(
         "20 of 21 entries of Tables 4 to 8; less: mountain yaw rate 51.81 % (paper 91.57 %)"

@@ -113,7 +113,7 @@ def test_at_the_oracle_within_three_percent(floor: float, expected: bool) -> Non
 
 def test_criteria_mark_combinations_at_the_oracle_and_count_them() -> None:
     board = with_oracle(board_of(NAIVES | {ADK_ROS: 1.005, MF_TUNED: 0.9}, ["winter"]), 1.0)
-    found = {bar.name: bar for bar in evaluate_paper_criteria(board, None)}
+    found = {criterion.name: criterion for criterion in evaluate_paper_criteria(board, None)}
     above = found["no-combination-above-1"]
     assert above.verdict == FAIL
     assert above.figure.startswith(
@@ -144,7 +144,7 @@ def test_the_cause_of_a_leading_baseline_is_explained() -> None:
     board.scores[NOISY, "slalom", PYKOOP] = [case_score(0.5, diverged=7)]
     judged = evaluate_paper_criteria(board, None)
     said = explain_failures(board, None, judged)
-    assert set(said) == {bar.name for bar in judged if bar.verdict == FAIL} - {
+    assert set(said) == {criterion.name for criterion in judged if criterion.verdict == FAIL} - {
         "av21", "papers-effect"
     }  # fmt: skip
     text = said["ahead-of-pykoop"]

@@ -175,7 +175,9 @@ def test_the_report_is_self_contained(done: tuple[runs.Result, Path, Path]) -> N
     assert names == ["figure_4.png", "figure_5.png", "figure_9.png", "summary.png"]
     assert not (out / "tables" / "table_9_clean.md").exists()
     assert (out / "tables" / "table_8_noisy.csv").is_file()
-    assert (out / "bars.txt").read_text().splitlines() == [str(bar) for bar in report.bars]
+    assert (out / "criteria.txt").read_text().splitlines() == [
+        str(criterion) for criterion in report.criteria
+    ]
     verdicts = {claim.verdict for claim in report.claims}
     assert "not measured" in verdicts
     assert {(x.epochs, x.kind, x.chosen) for x in result.readings} == {
@@ -399,7 +401,7 @@ def test_the_command_prints_one_line_per_criterion(
     assert "holds an earlier result: add --force" in capsys.readouterr().err
     if as_json:
         answer = json.loads(said.out)
-        assert answer["bars"][0]["name"] == "geometric-mean"
+        assert answer["criteria"][0]["name"] == "geometric-mean"
         assert {claim["verdict"] for claim in answer["claims"]}
         return
     printed = lines(said.out)

@@ -40,6 +40,8 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> tuple[PaperReport, Page
         for test in board.tests():
             board.add(variant, test, ORACLE, case_score(0.01))
     result = Result(board, recorded(), [], "switched off", 90.0, {"DK": "a <setting>"})
+    (base / "out").mkdir()
+    (base / "out" / "bars.txt").write_text("of 0.1.0\n")
     report = write_report(result, BenchPlan(), base, base / "out", provenance=PROVENANCE)
     return report, Page(report.page.read_text(encoding="utf-8"))
 
@@ -59,12 +61,21 @@ def test_the_page_is_self_contained_with_contents(written: tuple[PaperReport, Pa
 
 def test_the_result_comes_first(written: tuple[PaperReport, Page]) -> None:
     report, page = written
-    passed = sum(item.verdict == PASS for item in report.bars)
-    failed = sum(item.verdict == FAIL for item in report.bars)
+    passed = sum(item.verdict == PASS for item in report.criteria)
+    failed = sum(item.verdict == FAIL for item in report.criteria)
     lead = page.text.index("adk_ros has the lowest mean error of ")
     assert lead < page.text.index("This page reproduces Tables 3 to 8")
     assert "in 10 of 10 columns (a horizon of a variant) below" in page.text
     assert f"meets {passed} of {passed + failed} acceptance criteria." in page.text
+
+
+def test_the_criteria_replace_those_of_an_earlier_report(
+    written: tuple[PaperReport, Page],
+) -> None:
+    report, _ = written
+    lines = (report.page.parent / "criteria.txt").read_text().splitlines()
+    assert lines == [str(criterion) for criterion in report.criteria]
+    assert not (report.page.parent / "bars.txt").exists()
 
 
 def test_names_are_escaped(written: tuple[PaperReport, Page]) -> None:
