@@ -26,7 +26,7 @@ def test_the_readme_states_the_same_sums() -> None:
 
 def test_the_last_list_is_the_output_that_the_documentation_links() -> None:
     last = max(LISTS.glob("seed_*.txt"), key=lambda path: int(path.stem.split("_")[1]))
-    assert last.read_text() == (ROOT / "doc" / "concealed" / "bars.txt").read_text()
+    assert last.read_text() == (ROOT / "doc" / "concealed" / "criteria.txt").read_text()
 
 
 def test_a_wrong_claim_is_subtracted_from_its_list_alone() -> None:
