@@ -50,8 +50,8 @@ def confirm(
     ] = True,
     single_track: Annotated[
         bool,
-        typer.Option(help="train with it, as by default, or without it, see `adk train`"),
-    ] = True,
+        typer.Option("--single-track", help="train with it, see `adk train --single-track`"),
+    ] = False,
     sources: Annotated[
         bool,
         typer.Option(

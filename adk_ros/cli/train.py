@@ -88,7 +88,7 @@ def train(
             help="outside the range of the training data, blend into a single-track model with "
             "tyre forces, identified from the same data"
         ),
-    ] = True,
+    ] = False,
     seed: Annotated[int, typer.Option(help="the same seed and data give the same model")] = 0,
     device: Annotated[str, typer.Option(help="auto, cpu or cuda")] = "auto",
     paper: Annotated[
@@ -252,8 +252,7 @@ def print_result(model: TrainedModel) -> None:
             "the fastest data contradict the augmentation to higher speeds, left out of "
             f"{run.trained.unaugmented_text}"
         )
-    settings = run.facts["settings"]
-    wants_single_track = settings.get("single_track", False) and settings["history"]
+    wants_single_track = run.facts["settings"].get("single_track", False)
     if wants_single_track and run.trained is not None and run.trained.single_track is None:
         console.note("the single-track model does not predict the validation data: it is left out")
     if run.trained is not None and run.trained.stopped_early:

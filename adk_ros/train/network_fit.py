@@ -61,11 +61,6 @@ _SINGLE_TRACK_ACCEPT_LOSS = 0.5
 """
 The single-track model is used if its validation loss is below this; 1 is persistence. By choice.
 """
-_SINGLE_TRACK_MAX_COST = 0.01
-"""
-By how much the single-track model may raise the validation loss before training; 1 is
-persistence. By choice.
-"""
 _NOISE_SHARE, _MIN_NOISE = 0.45, 0.02
 """
 Training noise as a share of the measurement noise, and its minimum in units of `step_scale`.
@@ -229,10 +224,8 @@ def fit(
         single = None
     if single:
         combined = trainer_of(quadratic, single)
-        # It acts outside the range of the data, where a validation part from the same drives has
-        # few rows: it needs to make nothing better within, and must not cost much.
-        limit = trainer.validate() + _SINGLE_TRACK_MAX_COST
-        if quadratic is not None and not combined.validate() < limit:
+        # Beside quadratic features it must make them better, also before the training.
+        if quadratic is not None and not combined.validate() < trainer.validate():
             single = None
         else:
             trainer = combined

@@ -29,8 +29,7 @@ class TrainSettings:
     quarter of the learning rate, with noise matched to the data. `speed_augmentation`: fit them to
     rows augmented to higher speeds as well, in the equations that the data do not contradict
     (`augmented_regression`). `single_track`: outside the range of the training data, blend into a
-    single-track model (`single_track_fit`) if it predicts the validation part; its lags need past
-    samples. `weight_decay`: of
+    single-track model (`single_track_fit`) if it predicts the validation part. `weight_decay`: of
     AdamW; without it a recording of three laps is overfitted. `patience`: validations without
     improvement before early stopping, not in the first stage. `device`: auto, cpu or cuda.
 
@@ -50,7 +49,7 @@ class TrainSettings:
     noise: float = 0.25
     quadratic: bool = True
     speed_augmentation: bool = True
-    single_track: bool = True
+    single_track: bool = False
     patience: int = 6
     validate_every: int = 200
     seed: int = 0
@@ -77,6 +76,8 @@ class TrainSettings:
             raise UsageError(f"weight_decay is {self.weight_decay:g}: choose 0 to 100")
         if not 0.0 <= self.noise <= 100.0:
             raise UsageError(f"noise is {self.noise:g}: choose 0 to 100")
+        if self.single_track and not self.history:
+            raise UsageError("single_track needs a history of at least 1: its lags act on it")
         require_device(self.device)
 
 

@@ -97,7 +97,6 @@ def write_report(run: TrainingResult, out: Path, *, provenance: Provenance | Non
         not_better=run.test.lost if run.test else {},
         unaugmented=run.trained.unaugmented_text if run.trained else "",
         without_single_track=run.facts["settings"].get("single_track", False)
-        and run.facts["settings"]["history"]
         and not run.facts["single_track"],
         takeovers=[takeover.text for takeover in run.model.fallback.takeovers()],
         figures=figures,

@@ -173,7 +173,7 @@ def test_a_model_without_torque_is_never_worse_than_a_naive_predictor(
     before, after = (score_held_out(model, [(of, parts == TEST)]) for model in (alone, fixed))
     assert before is not None
     assert after is not None
-    assert before.ratio.max() > 1.1
+    assert before.ratio.max() > 1.2
     assert after.ratio.max() <= 1.02
     assert after.ratio_held.max() <= min(1.05, before.ratio_held.max())
     assert any(item.channel == "v_x" for item in fixed.fallback.takeovers())
@@ -211,8 +211,8 @@ def test_a_good_model_is_not_given_up_for_a_short_recording() -> None:
     parts[-(len(of) // 10) :] = VALIDATION
     model = replace(small().run.model, fallback=Fallback.none())
     validated = [rollout_record(model, of, None, parts == VALIDATION, stride=8)]
-    found = find_fallback(model, Split([of], [parts], "blocks"), validated)
-    assert not found.is_active or found.weights[KNOWN].sum(axis=0)[AT].max() < 0.5
+    weights = find_fallback(model, Split([of], [parts], "blocks"), validated).weights
+    assert weights[KNOWN].sum(axis=0)[AT].max() < 0.5
 
 
 def test_a_trained_model_says_what_takes_over() -> None:

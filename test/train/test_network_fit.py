@@ -21,7 +21,7 @@ from adk_ros.train.network import Network
 from adk_ros.train.network_fit import FittedNetwork, Step, choose_device
 from adk_ros.train.train_settings import PaperSettings, TrainSettings
 
-SHORT = replace(SMALL, steps=40, batch=32, validate_every=10, single_track=False)
+SHORT = replace(SMALL, steps=40, batch=32, validate_every=10)
 
 
 class Killed(Exception):

@@ -122,8 +122,7 @@ def test_forms_that_do_not_fit_are_left_out(monkeypatch: pytest.MonkeyPatch) -> 
     """Here they leave 0.06 of persistence's loss on the validation part."""
     monkeypatch.setattr(fit_module, "_QUADRATIC_ACCEPT_LOSS", 0.01)
     split = split_records([drive_of("handling", 120.0).truth()], "blocks")
-    settings = replace(SMALL, steps=10, quadratic=True, single_track=False)
-    made = fit(split.of(TRAIN), split.of(VALIDATION), settings)
+    made = fit(split.of(TRAIN), split.of(VALIDATION), replace(SMALL, steps=10, quadratic=True))
     assert made.network.encoder.level.shape == (0,)
     assert made.network.encoder.b3.shape == (SMALL.features,)
 

@@ -49,9 +49,7 @@ def _page(
     result: Result, plan: BenchPlan, criteria: Sequence[Criterion], digest: str, seed: str
 ) -> str:
     lines = ["# Confirmation drives", ""]
-    trained = f"{plan.seeds} trainings" + " with `--no-single-track`" * (
-        not plan.train.single_track
-    )
+    trained = f"{plan.seeds} trainings" + " with `--single-track`" * plan.train.single_track
     lines += [f"Code {digest[:16]}, seed `{seed}`, {trained}.", ""]
     if result.board.has(ALDK):
         lines += [
