@@ -4,7 +4,7 @@
 Print which weak effects that all cars have are found by many short recordings together.
 
     python scripts/fleet_pooling.py [--seed 5] [--strength 0.1] [--recordings 30] [--cars 6]
-        [--seconds 60] [--jobs 2] [--nothing 20]
+        [--seconds 60] [--jobs 2] [--nothing 20] [--effects aero_drag ...]
 
 One fleet for each effect of a single parameter: all of its cars have the effect, at a share of the
 size at which the benchmark injects it. With --nothing so many fleets in which nothing acts:
@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 
@@ -63,6 +64,36 @@ class Fleet:
         )
 
 
+def totals(compared: Sequence[TruthComparison], thresholds: Sequence[float]) -> dict[str, str]:
+    """
+    Return the rows of a table: what is counted -> how many of how many, with the share.
+
+    :param thresholds: size of the effect of each comparison, in materiality thresholds.
+    """
+    # The size of several effects is the threshold itself, but for rounding.
+    material = [
+        one for one, size in zip(compared, thresholds, strict=True) if round(size, 6) >= 1.0
+    ]
+    return {
+        "effects named": _named(compared),
+        "those of a threshold and more": _named(material),
+        "with a false claim": _share(sum(one.false > 0 for one in compared), len(compared)),
+        "sizes in their 90 % interval": _share(
+            sum(one.inside for one in compared), sum(one.sized for one in compared)
+        ),
+    }
+
+
+def _named(compared: Sequence[TruthComparison]) -> str:
+    tied = sum(one.tied for one in compared)
+    text = _share(sum(one.named for one in compared), sum(one.injected for one in compared))
+    return f"{text}, {tied} in a tie" if tied else text
+
+
+def _share(count: int, of: int) -> str:
+    return f"{count} of {of} ({100.0 * count / of:.0f} %)" if of else "-"
+
+
 def _compared(fleet: Fleet) -> TruthComparison:
     return fleet.compared()
 
@@ -78,7 +109,8 @@ def weak_effects() -> list[str]:
 
 
 def main() -> None:
-    """Print a line for each fleet and the sums."""
+    """Print a line for each fleet, and the totals as a table."""
+    effects = weak_effects()
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seed", type=int, default=5, help="of the first fleet, then counted up")
     parser.add_argument("--strength", type=float, default=0.1)
@@ -87,6 +119,13 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=60.0)
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--nothing", type=int, default=0, metavar="N", help="N fleets without any")
+    parser.add_argument(
+        "--effects",
+        nargs="+",
+        choices=effects,
+        metavar="EFFECT",
+        help="these only, with the seeds that they have among all",
+    )
     given = parser.parse_args()
     size = FleetSize(
         given.cars,
@@ -97,27 +136,21 @@ def main() -> None:
         faulty=0,
         damaged=0,
     )
-    effects = [""] * given.nothing or weak_effects()
-    fleets = [Fleet(e, given.seed + i, size, given.strength) for i, e in enumerate(effects)]
+    fleets = [
+        Fleet(effect, given.seed + i, size, given.strength)
+        for i, effect in enumerate([""] * given.nothing or effects)
+        if given.effects is None or effect in ("", *given.effects)
+    ]
     with ProcessPoolExecutor(given.jobs) as pool:
         found = []
         for fleet, one in zip(fleets, pool.map(_compared, fleets), strict=True):
             text = f" {fleet.thresholds:.2f} thresholds" if fleet.effect else ""
             print(f"seed {fleet.seed}{text}: {'; '.join(one.lines) or 'nothing'}", flush=True)
             found.append(one)
-    # The size of several effects is the threshold itself, but for rounding.
-    material = [
-        one for fleet, one in zip(fleets, found, strict=True) if round(fleet.thresholds, 6) >= 1.0
-    ]
-    for which, ones in (("effects", found), ("effects of a threshold and more", material)):
-        if not given.nothing:
-            named, tied = sum(one.named for one in ones), sum(one.tied for one in ones)
-            print(f"{named} of {len(ones)} {which} are named, {tied} of them in a tie")
-    print(
-        f"{sum(one.false > 0 for one in found)} of {len(found)} fleets have a false claim; "
-        f"{sum(one.inside for one in found)} of {sum(one.sized for one in found)} sizes in their "
-        "90 % interval"
-    )
+    print("| | fleets |")
+    print("| --- | --- |")
+    for row, text in totals(found, [fleet.thresholds for fleet in fleets]).items():
+        print(f"| {row} | {text} |")
 
 
 if __name__ == "__main__":
