@@ -4,16 +4,19 @@
 Print which weak effects that all cars have are found by many short recordings together.
 
     python scripts/fleet_pooling.py [--seed 5] [--strength 0.1] [--recordings 30] [--cars 6]
-        [--seconds 60] [--jobs 2] [--nothing 20] [--effects aero_drag ...]
+        [--seconds 60] [--jobs 2] [--nothing 20] [--one-recording] [--effects aero_drag ...]
 
 One fleet for each effect of a single parameter: all of its cars have the effect, at a share of the
 size at which the benchmark injects it. With --nothing so many fleets in which nothing acts:
-whatever is claimed is false. The drives are simulated in memory.
+whatever is claimed is false. With --one-recording each fleet is compared with one recording of one
+car that is as long as all recordings of the fleet together, analysed as by `adk mismatch`. The
+drives are simulated in memory.
 """
 
 from __future__ import annotations
 
 import argparse
+import math
 import sys
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -26,10 +29,20 @@ from adk_ros.fleet.demo.fleet_plan import FleetSize, InjectedTerm, plan_fleet
 from adk_ros.fleet.demo.memory_analysis import MemoryFleet
 from adk_ros.fleet.demo.truth_comparison import TruthComparison, compare_with_truth
 from adk_ros.fleet.inference.evidence import column_of, effect_columns
+from adk_ros.fleet.inference.fleet_result import Claim, FleetResult
 from adk_ros.fleet.inference.levels import SHARED, Level
+from adk_ros.mismatch.analysis import identify_mismatch
+from adk_ros.mismatch.inference.result import UNKNOWN, IdentifiedEffect
+from adk_ros.mismatch.library.effect import ALWAYS
 from adk_ros.plant.injection.injectors import FULL, SPRUNG_CAR_ONLY, scale_strength
 
 _SIMULATION_S, _ROUTES = 300.0, 3
+_LONG_SIMULATION_S = 660.0
+"""
+Duration of the simulation for one recording, s: that of all for a fleet, 300 s and 120 s on each
+of three routes (`fleet_drives`).
+"""
+_ALL_CARS = Level(SHARED)
 
 
 @dataclass(frozen=True)
@@ -51,17 +64,122 @@ class Fleet:
         p = column.parameter
         return abs(p.theta(value) - p.theta_neutral) / column.materiality
 
-    def compared(self) -> TruthComparison:
-        """Simulate and analyse the fleet, and compare the result with what was injected."""
+    @property
+    def label(self) -> str:
+        """Number and duration of the recordings."""
+        count = self.size.recordings
+        return f"{count} recording{'s' * (count != 1)} of {self.size.durations_s[1]:g} s"
+
+    @property
+    def drives(self) -> FleetDrives:
+        """The drives, each of which has the effect."""
         plan = plan_fleet(self.seed, self.size).without_effects()
         if self.effect:
             parameters = scale_strength(self.effect, self.strength)
-            term = InjectedTerm(self.effect, parameters, Level(SHARED))
-            plan = replace(plan, terms=(term,))
-        drives = FleetDrives(plan)
-        return compare_with_truth(
-            MemoryFleet(drives).analysed().result, truth(drives) | {"place": None}
+            plan = replace(plan, terms=(InjectedTerm(self.effect, parameters, _ALL_CARS),))
+        return FleetDrives(plan)
+
+    def compared(self) -> TruthComparison:
+        """
+        Simulate and analyse the fleet, and compare the result with what was injected.
+
+        :raises DataError: no recording allows an analysis.
+        """
+        drives = self.drives
+        return _with_truth(MemoryFleet(drives).analysed().result, drives)
+
+
+class LongRecording(Fleet):
+    """
+    One recording of one car, as long as all recordings of a fleet together.
+
+    The car and the roads are those of the fleet with this seed; one of its routes is driven lap
+    after lap. The drive of the simulation is as long as all those for the fleet together. The
+    analysis is that of `adk mismatch`, with its last quarter held out: a user has no other one for
+    one recording. The inference of a fleet claims nothing of one recording, which does not
+    determine the scatter between recordings (tau in `variance_components`).
+    """
+
+    @classmethod
+    def of(cls, fleet: Fleet) -> LongRecording:
+        """Return the recording that has the same effect and duration as a fleet."""
+        seconds = fleet.size.recordings * fleet.size.durations_s[1]
+        size = replace(
+            fleet.size,
+            cars=1,
+            recordings=1,
+            durations_s=(seconds, seconds),
+            simulation_s=_LONG_SIMULATION_S,
         )
+        return cls(fleet.effect, fleet.seed, size, fleet.strength)
+
+    def compared(self) -> TruthComparison:
+        """
+        Simulate and analyse the recording, and compare the result with what was injected.
+
+        :raises DataError: the recording does not allow an analysis.
+        """
+        drives = self.drives
+        (planned,) = drives.plan.drives
+        found = identify_mismatch(drives.simulation(), drives.drive(planned), drives.nominal)
+        result = FleetResult((), (), claims_of(found.effects), (), (), (), (), (), 0)
+        compared = _with_truth(result, drives)
+        return with_unmodelled(compared) if found.verdict == UNKNOWN else compared
+
+
+def _with_truth(result: FleetResult, drives: FleetDrives) -> TruthComparison:
+    return compare_with_truth(result, truth(drives) | {"place": None})
+
+
+def claims_of(effects: Sequence[IdentifiedEffect]) -> tuple[Claim, ...]:
+    """
+    Return the effects that `adk mismatch` identifies, as claims of a fleet of one car.
+
+    Size and interval are differences from neutral, of the first parameter of an effect. With one
+    car, what acts always is an effect of this car and of all cars at once: it counts as a claim of
+    all cars. What acts at a place, or from a time on, keeps that kind and has no ties: it is
+    another claim than that of an effect that acts always.
+    """
+    return tuple(_claim(effect) for effect in effects)
+
+
+def _claim(found: IdentifiedEffect) -> Claim:
+    acts_always = found.kind == ALWAYS
+    name, interval = next(iter(found.parameters.items()))
+    neutral = next(p.neutral for p in found.effect.parameters if p.name == name)
+    ties = found.alternatives if acts_always else ()
+    return Claim(
+        effect=found.effect.name,
+        parameter=name,
+        unit=interval.unit,
+        kind=SHARED if acts_always else found.kind,
+        level=_ALL_CARS.text if acts_always else found.kind,
+        car="",
+        tag="",
+        value="",
+        onset_day=None,
+        onset_low_day=None,
+        onset_high_day=None,
+        size=interval.value - neutral,
+        low=interval.low - neutral,
+        high=interval.high - neutral,
+        evidence=found.gain,
+        p_value=math.nan,
+        between_recordings=math.nan,
+        between_cars=math.nan,
+        ties=tuple(f"{other} ({_ALL_CARS.text})" for other in ties),
+    )
+
+
+def with_unmodelled(compared: TruthComparison) -> TruthComparison:
+    """
+    Return a comparison with the further claim that something of unknown cause is missing.
+
+    It is false if every injected effect is named: then nothing else is missing.
+    """
+    is_false = compared.named == compared.injected
+    line = f"{'FALSE  ' * is_false}something of unknown cause"
+    return replace(compared, lines=(*compared.lines, line), false=compared.false + is_false)
 
 
 def totals(compared: Sequence[TruthComparison], thresholds: Sequence[float]) -> dict[str, str]:
@@ -120,6 +238,9 @@ def main() -> None:
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--nothing", type=int, default=0, metavar="N", help="N fleets without any")
     parser.add_argument(
+        "--one-recording", action="store_true", help="compare with one as long as all of a fleet"
+    )
+    parser.add_argument(
         "--effects",
         nargs="+",
         choices=effects,
@@ -141,16 +262,23 @@ def main() -> None:
         for i, effect in enumerate([""] * given.nothing or effects)
         if given.effects is None or effect in ("", *given.effects)
     ]
+    groups = [fleets]
+    if given.one_recording:
+        groups.append([LongRecording.of(fleet) for fleet in fleets])
+    every = [each for together in zip(*groups, strict=True) for each in together]
+    found = []
     with ProcessPoolExecutor(given.jobs) as pool:
-        found = []
-        for fleet, one in zip(fleets, pool.map(_compared, fleets), strict=True):
-            text = f" {fleet.thresholds:.2f} thresholds" if fleet.effect else ""
-            print(f"seed {fleet.seed}{text}: {'; '.join(one.lines) or 'nothing'}", flush=True)
+        for each, one in zip(every, pool.map(_compared, every), strict=True):
+            text = f" {each.thresholds:.2f} thresholds" if each.effect else ""
+            lines = "; ".join(one.lines) or "nothing"
+            print(f"seed {each.seed}{text}, {each.label}: {lines}", flush=True)
             found.append(one)
-    print("| | fleets |")
-    print("| --- | --- |")
-    for row, text in totals(found, [fleet.thresholds for fleet in fleets]).items():
-        print(f"| {row} | {text} |")
+    thresholds = [fleet.thresholds for fleet in fleets]
+    columns = [totals(found[i :: len(groups)], thresholds) for i in range(len(groups))]
+    print(f"| | {' | '.join(group[0].label for group in groups)} |")
+    print("| --- " * (1 + len(groups)) + "|")
+    for row in columns[0]:
+        print(f"| {row} | {' | '.join(column[row] for column in columns)} |")
 
 
 if __name__ == "__main__":
