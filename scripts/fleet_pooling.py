@@ -98,6 +98,9 @@ class LongRecording(Fleet):
     analysis is that of `adk mismatch`, with its last quarter held out: a user has no other one for
     one recording. The inference of a fleet claims nothing of one recording, which does not
     determine the scatter between recordings (tau in `variance_components`).
+
+    A size of less than the materiality threshold, the build tolerance of a car, is not claimed; of
+    a fleet, that limit is lower by the square root of the number of cars (`Candidates.tolerance`).
     """
 
     @classmethod
